@@ -1,0 +1,60 @@
+# Everything runs in .venv, made from requirements.lock on first use and again when lock or pyproject.toml change.
+# Another interpreter: make setup PYTHON=python3.12. Arguments: make test PYTEST_ARGS="-k rows", make demo ARGS=...
+
+PYTHON ?= python3
+UV ?= uv
+ARGS ?=
+PYTEST_ARGS ?=
+LOCK_ARGS ?=
+
+VENV := .venv
+BIN := $(VENV)/bin
+STAMP := $(VENV)/.installed
+
+# A sourced ROS workspace puts its own pinocchio and pytest plugins on this path, ahead of the locked ones.
+unexport PYTHONPATH
+
+.DEFAULT_GOAL := help
+.PHONY: help setup demo test lint format bench lock clean distclean
+
+help: ## This list.
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+
+setup: $(STAMP) ## Make .venv from the lock; nothing to do when it is up to date.
+
+demo: $(STAMP) ## The first run: simulation, report and video.
+	$(BIN)/safewbc demo $(ARGS)
+
+test: $(STAMP) ## All tests.
+	$(BIN)/python -m pytest $(PYTEST_ARGS)
+
+lint: $(STAMP) ## Lint, format and types; changes nothing.
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+
+format: $(STAMP) ## Format, and mend what lint can mend.
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+bench: $(STAMP) ## Time of one tick, by stage.
+	$(BIN)/safewbc bench tick $(ARGS)
+
+lock: ## Remake requirements.lock (needs uv); LOCK_ARGS=--upgrade for newer versions.
+	$(UV) pip compile pyproject.toml --extra dev --universal --python-version 3.11 --fork-strategy fewest \
+		--generate-hashes --no-header --no-emit-index-url --no-annotate --quiet --output-file requirements.lock $(LOCK_ARGS)
+
+clean: ## Remove caches and builds; keeps .venv and runs.
+	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
+	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+
+distclean: clean ## Remove .venv too.
+	rm -rf $(VENV)
+
+$(STAMP): requirements.lock pyproject.toml
+	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) not found: safewbc needs Python 3.11 or newer" >&2; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.version_info >= (3, 11) or sys.exit("safewbc needs Python 3.11 or newer; $(PYTHON) is %d.%d. Name another: make setup PYTHON=python3.12" % sys.version_info[:2])'
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock
+	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@touch $@

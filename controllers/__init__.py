@@ -1,0 +1,1 @@
+"""Controllers: the tick, its references and its supervisor."""

@@ -1,0 +1,177 @@
+"""Settings of the whole-body controller: defaults, per-robot tuning from the description, checks."""
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+from robots.checks import require_between, require_non_negative, require_one_of, require_positive
+from robots.description import RobotDescription
+from robots.errors import DescriptionError
+from safety.conditions import BarrierParameters, FamilyParameters
+from safety.filters import FILTERS
+from wbc.dynwbc import DynWbcWeights
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class TaskTuning:
+    """Gains of KinWBC's tasks [1/s] and their bounds, each above 0.
+
+    Attributes:
+        foot: pose of the soles.
+        com: centre of mass.
+        base: orientation of the base.
+        torso: orientation of the torso.
+        hand: position of the hands.
+        posture: joint positions.
+        max_linear: largest correction of a position task [m/s].
+        max_angular: largest correction of an orientation or of the posture task [rad/s].
+        sigma_min: singular values below it count as zero.
+    """
+
+    foot: float = 10.0
+    com: float = 8.0
+    base: float = 10.0
+    torso: float = 10.0
+    hand: float = 10.0
+    posture: float = 5.0
+    max_linear: float = 0.5
+    max_angular: float = 2.0
+    sigma_min: float = 0.03
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            require_positive(f"task {name}", getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True)
+class FilterTuning:
+    """Parameters of the safety filter: alpha [1/s] and epsilon of each family, bounds and weights.
+
+    Attributes:
+        joint_limit_alpha: joint limits.
+        joint_limit_epsilon: joint limits; at rest the margin is 1 / (alpha epsilon) [rad].
+        self_collision_alpha: self-collision, legs apart.
+        self_collision_epsilon: self-collision, legs apart.
+        leg_collision_alpha: self-collision of legs.
+        leg_collision_epsilon: self-collision of legs.
+        obstacle_alpha: obstacles.
+        obstacle_epsilon: obstacles.
+        workspace_alpha: workspace bounds.
+        workspace_epsilon: workspace bounds.
+        foot_weight: weight on velocity given to stance feet, 0 or above.
+        velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
+        base_linear: bound on the base's linear velocity [m/s].
+        base_angular: bound on the base's angular velocity [rad/s].
+    """
+
+    joint_limit_alpha: float = 10.0
+    joint_limit_epsilon: float = 10.0
+    self_collision_alpha: float = 5.0
+    self_collision_epsilon: float = 2.0
+    leg_collision_alpha: float = 5.0
+    leg_collision_epsilon: float = 10.0
+    obstacle_alpha: float = 5.0
+    obstacle_epsilon: float = 5.0
+    workspace_alpha: float = 5.0
+    workspace_epsilon: float = 5.0
+    foot_weight: float = 1000.0
+    velocity_scale: float = 0.5
+    base_linear: float = 2.0
+    base_angular: float = 4.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            check = require_non_negative if name == "foot_weight" else require_positive
+            check(name, getattr(self, name))
+        require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
+
+    def parameters(self) -> BarrierParameters:
+        """The families' parameters in the form of the conditions."""
+        names = ("joint_limit", "self_collision", "leg_collision", "obstacle", "workspace")
+        return BarrierParameters(
+            **{n: FamilyParameters(getattr(self, f"{n}_alpha"), getattr(self, f"{n}_epsilon")) for n in names}
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ContactTuning:
+    """What the controller assumes of the soles.
+
+    Attributes:
+        friction: Coulomb coefficient of the contact wrench cone, above 0.
+        length_share: share of the sole's length in the cone, in (0, 1].
+        width_share: share of the sole's width in the cone, in (0, 1].
+    """
+
+    friction: float = 0.6
+    length_share: float = 0.88
+    width_share: float = 0.8
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            require_positive(f"contact {name}", getattr(self, name))
+        for name in ("length_share", "width_share"):
+            require_between(f"contact {name}", getattr(self, name), 0.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerConfig:
+    """The whole-body controller.
+
+    Attributes:
+        dt: control period [s].
+        filter: name of the safety filter.
+        gain_scale: factor on the motors' gains of the description.
+        tasks: KinWBC.
+        safety: safety filter.
+        contact: soles.
+        dynwbc: DynWBC.
+        dynwbc_solver: QP solver of DynWBC.
+    """
+
+    dt: float = 0.002
+    filter: str = "issf"
+    gain_scale: float = 1.0
+    tasks: TaskTuning = field(default_factory=TaskTuning)
+    safety: FilterTuning = field(default_factory=FilterTuning)
+    contact: ContactTuning = field(default_factory=ContactTuning)
+    dynwbc: DynWbcWeights = field(default_factory=DynWbcWeights)
+    dynwbc_solver: str = "daqp"
+
+    def __post_init__(self) -> None:
+        require_between("control dt", self.dt, 1e-4, 0.02)
+        require_non_negative("gain_scale", self.gain_scale)
+        require_one_of("filter", self.filter, FILTERS)
+
+
+def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConfig:
+    """The configuration of a robot: defaults, then the tables ``[tuning.*]`` of its description, then ``changes``.
+
+    Args:
+        robot: the description; its tables ``tasks``, ``safety``, ``contact``, ``dynwbc`` hold fields of the classes
+            above, ``controller`` those of :class:`ControllerConfig` itself.
+        changes: fields of :class:`ControllerConfig` that override.
+
+    Raises:
+        DescriptionError: the description's tuning names an unknown field.
+        ConfigError: a value is not allowed.
+    """
+    parts: dict[str, Any] = {
+        "tasks": _from_table(TaskTuning, robot, "tasks"),
+        "safety": _from_table(FilterTuning, robot, "safety"),
+        "contact": _from_table(ContactTuning, robot, "contact"),
+        "dynwbc": _from_table(DynWbcWeights, robot, "dynwbc"),
+    }
+    base = _from_table(ControllerConfig, robot, "controller")
+    return dataclasses.replace(base, **(parts | changes))
+
+
+def _from_table(kind: type[T], robot: RobotDescription, table: str) -> T:
+    values: Mapping[str, Any] = robot.tuning.get(table, {})
+    known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    if unknown := sorted(set(values) - set(known)):
+        raise DescriptionError(robot.file, f"tuning.{table}", unknown, "among " + ", ".join(known))
+    return kind(**values)

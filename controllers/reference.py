@@ -1,0 +1,66 @@
+"""What the whole body is asked to do at one instant."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from robots.kinematics import Kinematics
+from robots.messages import Array, Mask
+
+
+@dataclass(slots=True)
+class PointReference:
+    """A point's path: ``position`` (3,) [m], ``velocity`` [m/s], ``acceleration`` [m/s^2], world axes."""
+
+    position: Array
+    velocity: Array = field(default_factory=lambda: np.zeros(3))
+    acceleration: Array = field(default_factory=lambda: np.zeros(3))
+
+
+@dataclass(slots=True)
+class WholeBodyReference:
+    """References of all tasks at one instant, world frame.
+
+    Attributes:
+        com: centre of mass.
+        soles: left and right sole's centres.
+        sole_rotations: their axes, (3, 3) each.
+        base_rotation: (3, 3) axes of the base.
+        torso_rotation: (3, 3) axes of the torso.
+        hands: left and right hand, or ``None``: the posture then decides where the arms are.
+        joints: shape (nj,) posture [rad].
+        in_contact: shape (2,) whether each foot is meant to be on the ground.
+    """
+
+    com: PointReference
+    soles: tuple[PointReference, PointReference]
+    sole_rotations: tuple[Array, Array]
+    base_rotation: Array
+    torso_rotation: Array
+    hands: tuple[PointReference, PointReference] | None
+    joints: Array
+    in_contact: Mask
+
+
+def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:
+    """Reference that keeps the robot where its kinematics are: both feet on the ground, everything at rest.
+
+    The CoM is put over the middle of the soles, at its present height.
+    """
+    roles = kin.robot.roles
+    rotation = {r: kin.frame_placement(kin.frame_id(roles[r]))[0].copy() for r in ("base", "torso")}
+    left, right = (kin.frame_id(roles[r]) for r in ("left_sole", "right_sole"))
+    soles = [kin.frame_placement(i) for i in (left, right)]
+    middle = 0.5 * (soles[0][1] + soles[1][1])
+    com = np.array([middle[0], middle[1], kin.com[2]])
+    hands = [PointReference(kin.frame_placement(kin.frame_id(roles[r]))[1].copy()) for r in ("left_hand", "right_hand")]
+    return WholeBodyReference(
+        com=PointReference(com),
+        soles=(PointReference(soles[0][1].copy()), PointReference(soles[1][1].copy())),
+        sole_rotations=(soles[0][0].copy(), soles[1][0].copy()),
+        base_rotation=rotation["base"],
+        torso_rotation=rotation["torso"],
+        hands=(hands[0], hands[1]) if with_hands else None,
+        joints=kin.q[7:].copy(),
+        in_contact=np.array([True, True]),
+    )

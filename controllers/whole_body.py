@@ -1,0 +1,200 @@
+"""One tick of the stack: state in, motor command out."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.config import ControllerConfig
+from controllers.reference import WholeBodyReference
+from robots.checks import all_finite
+from robots.description import RobotDescription
+from robots.kinematics import Kinematics
+from robots.messages import Array, Mask, MotorCommand, RobotState
+from safety.barriers import BarrierSet, ObstacleBarrier, standard_barriers
+from safety.filters import FilterResult, SafetyFilter
+from safety.obstacles import Obstacle
+from wbc.contact import SoleContact
+from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
+from wbc.kinwbc import KinWbc
+from wbc.tasks import (
+    CenterOfMassTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+    TaskGains,
+)
+from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
+
+STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
+"""Stages of a tick, in order; ``dynamics`` is the assembly of DynWBC's problem, ``dynwbc`` its solution."""
+
+
+@dataclass(frozen=True, slots=True)
+class TickResult:
+    """What one tick decided.
+
+    Attributes:
+        command: for the motors.
+        v_des: shape (nv,) velocity of KinWBC.
+        safety: result of the safety filter.
+        dynwbc: result of DynWBC.
+        stage_seconds: shape (len(STAGES),) time spent in each stage [s].
+    """
+
+    command: MotorCommand
+    v_des: Array
+    safety: FilterResult
+    dynwbc: DynWbcResult
+    stage_seconds: Array
+
+
+class WholeBodyController:
+    """KinWBC, safety filter and DynWBC for one robot, on its nominal model.
+
+    Args:
+        robot: the description.
+        config: settings.
+        with_hands: whether the hands are tasks (then every reference must give them).
+        obstacle_count: how many obstacles every tick is given.
+        clock: monotonic seconds, for the stage times.
+
+    Raises:
+        ConfigError: a setting is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        config: ControllerConfig,
+        with_hands: bool,
+        obstacle_count: int = 0,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.robot = robot
+        self.config = config
+        self.kin = Kinematics(robot)
+        self._clock = clock
+        self._mass = robot.total_mass
+        self._make_tasks(with_hands)
+        self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_count)
+        self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
+        safety = config.safety
+        v_max = safety.velocity_scale * robot.joint_array("velocity")
+        v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
+        self.filter = SafetyFilter(config.filter, self.barriers.size, safety.parameters(), v_max, safety.foot_weight)
+        contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
+        self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver)
+        self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
+        self._kp = config.gain_scale * robot.joint_array("kp")
+        self._kd = config.gain_scale * robot.joint_array("kd")
+
+    def _contact(self, frame: str, half_length: float, half_width: float) -> SoleContact:
+        c = self.config.contact
+        return SoleContact(frame, c.length_share * half_length, c.width_share * half_width, c.friction)
+
+    def _make_tasks(self, with_hands: bool) -> None:
+        t, kin, roles = self.config.tasks, self.kin, self.robot.roles
+        rate = self.config.dynwbc.kd + self.config.dynwbc.kp * self.config.dt
+        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com", "hand")}
+        angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
+        self._feet = [FramePoseTask(kin.frame_id(roles[r]), linear["foot"]) for r in ("left_sole", "right_sole")]
+        self._com = CenterOfMassTask(linear["com"])
+        self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
+        self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
+        self._hands = [FramePositionTask(kin.frame_id(roles[r]), linear["hand"]) for r in ("left_hand", "right_hand")]
+        self._posture = PostureTask(len(self.robot.joints), angular["posture"])
+        levels: list[list[Task]] = [[*self._feet], [self._com], [self._base], [self._torso]]
+        if with_hands:
+            levels.append([*self._hands])
+        levels.append([self._posture])
+        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min)
+
+    def reset(self, state: RobotState) -> None:
+        """Start from a state at rest: the torques measured there are the first tau_prev."""
+        self.kin.update(state.q, state.v)
+        self.dynwbc.reset(state.tau)
+
+    def desired_velocity(self, reference: WholeBodyReference) -> Array:
+        """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
+        self._set_references(reference)
+        return self.kinwbc.solve(self.kinwbc.evaluate(self.kin))
+
+    def tick(self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()) -> TickResult:
+        """Compute the motor command for one measured state.
+
+        Args:
+            state: measured or estimated.
+            reference: what to do now.
+            obstacles: as many as announced.
+
+        Returns:
+            The command and what led to it.
+
+        Raises:
+            ValueError: the state is not finite, or the number of obstacles is another than announced. A supervisor
+                checks both before the tick (see :class:`controllers.supervisor.Supervisor`).
+        """
+        if not all_finite(state.q, state.v):
+            raise ValueError("measured state is not finite")
+        marks = [self._clock()]
+        kin, dt = self.kin, self.config.dt
+        kin.update(state.q, state.v)
+        marks.append(self._clock())
+        self._set_references(reference)
+        levels = self.kinwbc.evaluate(kin)
+        marks.append(self._clock())
+        v_des = self.kinwbc.solve(levels)
+        marks.append(self._clock())
+        if self._obstacles is not None:
+            self._obstacles.set_obstacles(obstacles)
+        rows = self.barriers.evaluate(kin)
+        marks.append(self._clock())
+        safety = self.filter.apply(rows, v_des, self._stance_jacobian(levels[0][0], reference.in_contact))
+        marks.append(self._clock())
+        acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
+        wrench = self._wrench_reference(reference)
+        contact_bias = None
+        if self.config.dynwbc.contact > 0:
+            contact_bias = contact_bias_acceleration(kin, self.dynwbc.frame_ids)
+        problem = self.dynwbc.build(kin, acceleration, wrench, reference.in_contact, contact_bias)
+        marks.append(self._clock())
+        dynamic = self.dynwbc.solve(problem)
+        marks.append(self._clock())
+        command = MotorCommand(
+            state.q[7:] + safety.v[6:] * dt, safety.v[6:], dynamic.torque, self._kp, self._kd, state.stamp
+        )
+        return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+
+    def _set_references(self, reference: WholeBodyReference) -> None:
+        for task, point, rotation in zip(self._feet, reference.soles, reference.sole_rotations, strict=True):
+            task.position, task.rotation = point.position, rotation
+            task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
+        self._com.position, self._com.velocity = reference.com.position, reference.com.velocity
+        self._com.acceleration = reference.com.acceleration
+        self._base.rotation = reference.base_rotation
+        self._torso.rotation = reference.torso_rotation
+        self._posture.joints = reference.joints
+        if reference.hands is not None:
+            for hand, point in zip(self._hands, reference.hands, strict=True):
+                hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration
+
+    def _stance_jacobian(self, feet: Array, in_contact: Mask) -> Array:
+        """Rows of the feet's Jacobians (12, nv) that belong to feet on the ground."""
+        return feet if in_contact.all() else feet[np.repeat(in_contact, 6)]
+
+    def _wrench_reference(self, reference: WholeBodyReference) -> Array:
+        """Wrenches (12,) that accelerate the CoM back to its reference, at the gains of the CoM task."""
+        kin, com = self.kin, reference.com
+        gains = self._com.gains
+        correction = gains.correction(com.position - kin.com)
+        acceleration = com.acceleration + self.config.dynwbc.kd * (com.velocity + correction - kin.com_velocity)
+        soles = [kin.frame_placement(i) for i in self.dynwbc.frame_ids]
+        centres = np.array([p[:2] for _, p in soles])
+        height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
+        zmp = kin.com[:2] - acceleration[:2] * (height / (GRAVITY + acceleration[2]))
+        load = load_from_zmp(zmp, centres, reference.in_contact)
+        return distribute_wrench(self._mass, kin.com, acceleration, soles, load, self._half_sizes)

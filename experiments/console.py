@@ -1,0 +1,143 @@
+"""Runs an experiment for a person at a terminal: progress, tables, files."""
+
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from experiments.hand_tracking import run_hand_tracking
+from experiments.options import HandTrackingOptions, OutputOptions, RunOptions, StandOptions
+from experiments.results import RunResult, prepare_folder, run_title, save_result
+from experiments.session import check_options, default_folder
+from experiments.stand import run_stand
+
+ROWS = (
+    ("fell", "fell", "", 1),
+    ("stop_cause", "stopped because", "", 1),
+    ("min_h_self_collision_m", "smallest self-collision barrier", "mm", 1e3),
+    ("collision_ratio", "collisions left, of the reference motion's", "%", 1e2),
+    ("min_h_joint_limit_rad", "smallest joint-limit barrier", "rad", 1),
+    ("min_h_workspace_m", "smallest workspace barrier", "mm", 1e3),
+    ("hand_rmse_m", "hand error, RMS", "mm", 1e3),
+    ("hand_rmse_outside_conflict_m", "hand error outside the conflict, RMS", "mm", 1e3),
+    ("com_error_settled_max_m", "CoM error after 3 s, largest", "mm", 1e3),
+    ("foot_slide_max_m", "foot slide, largest", "mm", 1e3),
+    ("zmp_inside_fraction", "ZMP inside the support polygon", "%", 1e2),
+    ("max_torque_fraction", "torque, largest share of a limit", "%", 1e2),
+    ("qp_failures", "ticks without a QP solution", "", 1),
+    ("relaxed_fraction", "ticks with relaxed conditions", "%", 1e2),
+    ("tick_ms_median", "tick, median", "ms", 1),
+    ("tick_ms_p99", "tick, 99th percentile", "ms", 1),
+)
+"""Key, words, unit, factor."""
+
+
+def run_and_save(options: RunOptions) -> int:
+    """Run one experiment and write everything; returns the exit code: 0, or 1 where the robot fell or was stopped."""
+    console = Console()
+    robot = check_options(options)
+    name = "stand" if isinstance(options, StandOptions) else "hand-tracking"
+    folder = output_folder(options.output, name)
+    with progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration) as advance:
+        result = run_one(options, advance[0])
+    save_result(result, folder)
+    console.print(summary_table([result]))
+    write_media([result], folder, f"{name}: {robot.title}", options.output, console)
+    console.print(f"results: {folder}")
+    return 1 if result.summary["fell"] or result.summary["stop_cause"] else 0
+
+
+def run_one(options: RunOptions, advance: Any) -> RunResult:
+    """Run the experiment that the options belong to; ``advance`` is called with the simulated time."""
+    if isinstance(options, HandTrackingOptions):
+        return run_hand_tracking(options, advance)
+    assert isinstance(options, StandOptions)
+    return run_stand(options, advance)
+
+
+def output_folder(options: OutputOptions, name: str) -> Path:
+    """The folder of the results, made and proved to be writable before anything runs.
+
+    Raises:
+        ConfigError: it cannot be written.
+    """
+    stamp = time.strftime("%Y%m%d-%H%M%S")
+    return prepare_folder(options.out if options.out is not None else default_folder(name, stamp))
+
+
+@contextmanager
+def progress(console: Console, titles: Sequence[str], duration: float) -> Iterator[list[Any]]:
+    """Progress bars, one per run; yields for each a function of the simulated time [s]."""
+    columns = (
+        TextColumn("{task.description:<34}"),
+        BarColumn(),
+        TextColumn("{task.completed:5.1f} of {task.total:g} s simulated"),
+        TimeElapsedColumn(),
+    )
+    with Progress(*columns, console=console, redirect_stdout=False) as bars:
+        ids = [bars.add_task(title, total=duration) for title in titles]
+        yield [_Advance(bars, i, duration) for i in ids]
+        for i in ids:
+            bars.update(i, completed=duration)
+
+
+class _Advance:
+    """Moves one bar."""
+
+    def __init__(self, bars: Progress, task: Any, duration: float) -> None:
+        self._bars, self._task, self._duration = bars, task, duration
+
+    def __call__(self, t: float) -> None:
+        self._bars.update(self._task, completed=min(t, self._duration))
+
+
+def summary_table(results: Sequence[RunResult]) -> Table:
+    """The summaries side by side."""
+    table = Table(title_justify="left")
+    table.add_column("")
+    for result in results:
+        table.add_column(run_title(result), justify="right")
+    for key, words, unit, factor in ROWS:
+        values = [r.summary.get(key) for r in results]
+        if any(v is not None for v in values):
+            table.add_row(f"{words}{f' ({unit})' if unit else ''}", *(_cell(v, factor) for v in values))
+    return table
+
+
+def _cell(value: Any, factor: float) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        return f"{value * factor:.3g}" if isinstance(value, float) else str(value)
+    return str(value)
+
+
+def write_media(
+    results: Sequence[RunResult], folder: Path, title: str, options: OutputOptions, console: Console
+) -> None:
+    """Report and video of finished runs, as far as the machine can; says once what it cannot."""
+    if not (options.report or options.video):
+        return
+    from experiments.media import key_frames, make_video
+    from experiments.report import write_report
+    from sims.rendering import rendering_problem, video_problem
+
+    problem = rendering_problem() or (video_problem() if options.video else None)
+    if problem:
+        console.print(f"no pictures or no video: {problem}", style="yellow")
+    with console.status("rendering and writing the report"):
+        video = make_video(results, folder / "video.mp4") if options.video else None
+        if options.report:
+            frames = [key_frames(r) for r in results]
+            write_report(folder / "report.html", results, title, frames, video, note=problem or "")
+    if video is not None:
+        console.print(f"video:   {video}")
+    if options.report:
+        console.print(f"report:  {folder / 'report.html'}")

@@ -1,0 +1,108 @@
+"""Checks of the installation: what is needed, whether it works, what to do if not."""
+
+import importlib
+import importlib.util
+import os
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
+
+
+def check_imports() -> str:
+    """All six packages come from one folder."""
+    homes = {}
+    for name in PACKAGES:
+        spec = importlib.util.find_spec(name)
+        if spec is None or spec.origin is None:
+            raise RuntimeError(f"package {name!r} is not installed: run `make setup`")
+        homes[name] = Path(spec.origin).resolve().parent.parent
+    if len(set(homes.values())) > 1:
+        places = ", ".join(f"{n} from {h}" for n, h in homes.items())
+        raise RuntimeError(f"packages come from several places ({places}): uninstall the PyPI project 'safety'")
+    return f"all from {next(iter(homes.values()))}"
+
+
+def check_models() -> str:
+    """Both robots load and build."""
+    from robots.kinematics import Kinematics
+    from robots.loader import BUILT_IN, load_robot
+
+    return ", ".join(f"{n}: {Kinematics(load_robot(n)).nv - 6} joints" for n in BUILT_IN)
+
+
+def check_solvers() -> str:
+    """Every QP solver answers a small problem rightly."""
+    from wbc.qp import make_solver
+
+    for name in ("daqp", "proxqp"):
+        solver = make_solver(name, 2, 1)
+        solution = solver.solve(
+            np.eye(2), np.zeros(2), np.array([[1.0, 1.0]]), np.array([-5.0, -5.0, 1.0]), np.array([5.0, 5.0, 9.0])
+        )
+        if solution.status != "optimal" or np.abs(solution.x - 0.5).max() > 1e-7:
+            raise RuntimeError(f"{name} gave {solution.x} ({solution.status}) instead of [0.5, 0.5]: reinstall it")
+    return "daqp and proxqp answer"
+
+
+def check_kernels() -> str:
+    """The compiled geometry kernels run (the first time they are compiled, which takes some seconds)."""
+    from robots.kinematics import Kinematics
+    from robots.loader import load_robot
+    from robots.pinocchio_model import standing_configuration
+    from safety.barriers import standard_barriers
+
+    robot = load_robot("g1")
+    kin = Kinematics(robot)
+    kin.update_geometry(standing_configuration(robot))
+    start = time.perf_counter()
+    rows = standard_barriers(kin, obstacle_count=1)
+    rows.evaluate(kin)
+    return f"{rows.size} rows, ready after {time.perf_counter() - start:.1f} s"
+
+
+def check_rendering() -> str:
+    """An image can be rendered and a video written."""
+    from sims.rendering import rendering_problem, video_problem
+
+    if problem := rendering_problem() or video_problem():
+        raise RuntimeError(problem)
+    return "images and videos"
+
+
+def check_runs_folder() -> str:
+    """Results can be written below the current folder."""
+    if not os.access(Path.cwd(), os.W_OK):
+        raise RuntimeError(f"{Path.cwd()} cannot be written: give --out, or work in another folder")
+    return f"below {Path.cwd()}"
+
+
+CHECKS: tuple[tuple[str, Callable[[], str], bool], ...] = (
+    ("imports", check_imports, True),
+    ("robots", check_models, True),
+    ("solvers", check_solvers, True),
+    ("kernels", check_kernels, True),
+    ("rendering", check_rendering, False),
+    ("results", check_runs_folder, False),
+)
+"""Name, check, whether the stack cannot run without it."""
+
+
+def doctor() -> int:
+    """Run all checks and print them; returns 0, or 1 where something that is needed does not work."""
+    console = Console(soft_wrap=True)
+    console.print(f"Python {sys.version.split()[0]}, {sys.executable}")
+    failed = False
+    for name, check, needed in CHECKS:
+        try:
+            console.print(f"[green]ok[/]   {name:<10} {check()}")
+        except Exception as error:
+            failed |= needed
+            mark = "[red]FAIL[/]" if needed else "[yellow]warn[/]"
+            console.print(f"{mark} {name:<10} {error}")
+    return 1 if failed else 0

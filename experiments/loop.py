@@ -1,0 +1,172 @@
+"""The closed loop: plant, supervisor, references; everything recorded."""
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.motions import Motion
+from controllers.reference import WholeBodyReference
+from controllers.supervisor import Supervisor
+from controllers.whole_body import STAGES, TickResult
+from robots.kinematics import Kinematics
+from robots.messages import Array, RobotState
+from robots.rotation import rotation_from_quaternion
+from safety.barriers import standard_barriers
+from sims.plant import MujocoPlant
+
+FALL_TILT = np.cos(np.deg2rad(60.0))
+"""Cosine of the base's tilt from which the robot counts as fallen."""
+
+FALL_HEIGHT = 0.6
+"""Share of its first height below which the base counts as fallen."""
+
+AFTERMATH = 0.5
+"""Time that is still simulated after a fall or a stop [s]."""
+
+
+@dataclass(slots=True)
+class LoopOutcome:
+    """How a run ended: time of a fall [s] or ``None``, time simulated [s]."""
+
+    fell_at: float | None
+    duration: float
+
+
+class TrueBarriers:
+    """Barrier values at the plant's true state, by a model of its own: nothing the controller believes enters."""
+
+    def __init__(self, supervisor: Supervisor) -> None:
+        """For the robot of a controller."""
+        self._kin = Kinematics(supervisor.controller.robot)
+        self._set = standard_barriers(self._kin)
+        self.slices = self._set.slices
+
+    def evaluate(self, q: Array) -> Array:
+        """Values (n,) at a true configuration (nq,)."""
+        self._kin.update_geometry(q)
+        return self._set.evaluate(self._kin).h
+
+
+class ClosedLoop:
+    """Runs a supervised controller against a plant and records both.
+
+    Args:
+        plant: the plant, reset to its first posture.
+        supervisor: of the controller.
+        reference: references at the start.
+        motions: what changes in them, applied before every tick.
+        nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
+        progress: called with the simulated time [s] now and then.
+    """
+
+    def __init__(
+        self,
+        plant: MujocoPlant,
+        supervisor: Supervisor,
+        reference: WholeBodyReference,
+        motions: Sequence[Motion] = (),
+        nan_at: float | None = None,
+        progress: Callable[[float], None] | None = None,
+    ) -> None:
+        self.plant = plant
+        self.supervisor = supervisor
+        self.reference = reference
+        self.motions = motions
+        self.nan_at = nan_at
+        self.progress = progress
+        self.truth = TrueBarriers(supervisor)
+        self.ticks: list[dict[str, Array | float | int]] = []
+        self.steps: list[dict[str, Array | float]] = []
+        self._start_height = float(plant.true_state().q[2])
+
+    def run(self, duration: float) -> LoopOutcome:
+        """Run for ``duration`` [s], or until shortly after a fall or a stop."""
+        dt = self.supervisor.controller.config.dt
+        substeps = round(dt / self.plant.config.dt)
+        end, fell_at = duration, None
+        self.supervisor.controller.reset(self.plant.measured_state())
+        for i in range(round(duration / dt)):
+            t = i * dt
+            if t >= end - 0.5 * dt:
+                break
+            self._tick(t)
+            for _ in range(substeps):
+                self.plant.step()
+                self._record_step()
+            if fell_at is None and self._fallen():
+                fell_at = self.plant.time
+                end = min(end, t + AFTERMATH)
+            if self.supervisor.cause is not None:
+                end = min(end, self.supervisor.stopped_at + AFTERMATH)
+            if self.progress is not None and i % 50 == 0:
+                self.progress(t)
+        return LoopOutcome(fell_at, self.plant.time)
+
+    def _tick(self, t: float) -> None:
+        for motion in self.motions:
+            motion.apply(self.reference, t)
+        state = self._measure(t)
+        start = time.perf_counter()
+        command, result = self.supervisor.tick(state, self.reference)
+        elapsed = time.perf_counter() - start
+        self.plant.send(command)
+        self._record_tick(t, result, elapsed)
+
+    def _measure(self, t: float) -> RobotState:
+        state = self.plant.measured_state()
+        if self.nan_at is not None and t >= self.nan_at:
+            state.q[7] = np.nan
+        return state
+
+    def _record_tick(self, t: float, result: TickResult | None, elapsed: float) -> None:
+        state = self.plant.true_state()
+        nan = np.full(state.v.size, np.nan)
+        row: dict[str, Array | float | int] = {
+            "time": t,
+            "q": state.q,
+            "v": state.v,
+            "torque": state.tau,
+            "com": self.plant.center_of_mass(),
+            "com_ref": self.reference.com.position.copy(),
+            "zmp": self.plant.zero_moment_point(),
+            "foot_wrench": self.plant.contact_wrenches(),
+            "v_des": nan if result is None else result.v_des,
+            "v_safe": nan if result is None else result.safety.v,
+            "filter_status": 3 if result is None else int(result.safety.status),
+            "filter_slack": np.nan if result is None else result.safety.slack,
+            "qp_failed": 0 if result is None else int(result.dynwbc.status != "optimal"),
+            "stages": np.full(len(STAGES), np.nan) if result is None else result.stage_seconds,
+            "tick_ms": 1e3 * elapsed,
+            "soles": self.plant.sole_corners().mean(axis=1),
+        }
+        if self.reference.hands is not None:
+            for name, point in zip(("left_hand", "right_hand"), self.reference.hands, strict=True):
+                row[name] = self.plant.frame_position(self.plant.robot.roles[name])
+                row[f"{name}_ref"] = point.position
+        self.ticks.append(row)
+
+    def _record_step(self) -> None:
+        plant, cut = self.plant, self.truth.slices
+        h = self.truth.evaluate(plant.true_state().q)
+        self.steps.append(
+            {
+                "step_time": plant.time,
+                "h_self_collision": h[cut["self_collision"].start : cut["leg_collision"].stop].astype(np.float32),
+                "h_joint_limit": float(h[cut["joint_limit"]].min()),
+                "h_workspace": h[cut["workspace"]].copy(),
+                "step_zmp": plant.zero_moment_point(),
+                "torque_fraction": np.abs(plant.torque) / plant.effort,
+            }
+        )
+
+    def _fallen(self) -> bool:
+        q = self.plant.true_state().q
+        upright = rotation_from_quaternion(q[3:7])[2, 2]
+        return bool(upright < FALL_TILT or q[2] < FALL_HEIGHT * self._start_height)
+
+    def series(self) -> dict[str, Array]:
+        """Everything recorded, stacked."""
+        out = {key: np.array([row[key] for row in self.ticks]) for key in self.ticks[0]}
+        return out | {key: np.array([row[key] for row in self.steps]) for key in self.steps[0]}

@@ -1,0 +1,179 @@
+"""Pictures and films of finished runs: every body has the colour of its smallest barrier."""
+
+import io
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+from experiments.results import RunResult, run_title, smallest_self_collision
+from robots.description import RobotDescription
+from robots.messages import Array
+from sims.rendering import Camera, RobotRenderer, rendering_problem, video_problem, write_video
+
+Picture = NDArray[np.uint8]
+
+FAR = 0.05
+"""Bodies with at least this distance [m] look calm."""
+RAMP = np.array([(0.97, 0.50, 0.08), (0.95, 0.80, 0.30), (0.36, 0.70, 0.60), (0.22, 0.47, 0.82)])
+"""Orange, yellow, green, blue: at contact, and at one, two and three thirds of ``FAR``."""
+INSIDE = (0.88, 0.09, 0.11)
+NEUTRAL = (0.58, 0.64, 0.72)
+
+WALKING_DISTANCE = 0.3
+"""The camera follows a base that moves further than this [m]; otherwise it stands still."""
+
+CAPTION_HEIGHT = 64
+CAPTION_BACK, CAPTION_INK, CAPTION_SAFE, CAPTION_UNSAFE = "#1f2933", "#f5f7fa", "#8fd3a8", "#ff8a80"
+
+
+def barrier_colours(robot: RobotDescription, h_pairs: Array) -> Array:
+    """Colour of each collision body by the smallest barrier among its pairs.
+
+    Blue from 5 cm on, over green and yellow to orange at contact, and red at once when inside. A body in no pair is
+    grey; a barrier that is not a number counts as inside.
+
+    Args:
+        robot: the robot.
+        h_pairs: shape (n_pairs,) barriers in the order of ``robot.self_collision_pairs`` [m].
+
+    Returns:
+        Shape (n_collisions, 3) red, green, blue in [0, 1], in the order of ``robot.collisions``.
+    """
+    index = {shape.name: i for i, shape in enumerate(robot.collisions)}
+    smallest = np.full(len(index), np.inf)
+    values = np.where(np.isnan(h_pairs), -np.inf, h_pairs)
+    for pair, h in zip(robot.self_collision_pairs, values, strict=True):
+        for name in pair:
+            smallest[index[name]] = min(smallest[index[name]], h)
+    stops = np.linspace(0.0, FAR, len(RAMP))
+    colours = np.stack([np.interp(smallest, stops, RAMP[:, k]) for k in range(3)], axis=1)
+    colours[smallest < 0] = INSIDE
+    paired = {name for pair in robot.self_collision_pairs for name in pair}
+    colours[[i for name, i in index.items() if name not in paired]] = NEUTRAL
+    return colours
+
+
+def key_frames(result: RunResult, n: int = 4) -> list[tuple[float, bytes]]:
+    """Pictures from the whole run, one of them at the smallest self-collision barrier.
+
+    Args:
+        result: the run.
+        n: how many.
+
+    Returns:
+        (time [s], PNG) in the order of time; fewer than ``n`` for a run of fewer ticks, none where nothing can be
+        rendered.
+    """
+    time = result.series["time"]
+    if rendering_problem() is not None or not len(time):
+        return []
+    ticks = _key_ticks(result, n)
+    camera = _camera(result)
+    with RobotRenderer(result.robot, 420, 480) as renderer:
+        return [(float(time[k]), _png(_picture(renderer, result, k, camera))) for k in ticks]
+
+
+def make_video(results: Sequence[RunResult], path: Path, fps: float = 25.0) -> Path | None:
+    """Film runs in real time, side by side, each with a caption; a run that ended early keeps its last picture.
+
+    Args:
+        results: at least one run.
+        path: the MP4 file to write.
+        fps: frames per second.
+
+    Returns:
+        ``path``, or ``None`` where no film can be made (:func:`sims.rendering.video_problem` says why).
+    """
+    shown = [r for r in results if len(r.series["time"])]
+    if video_problem() is not None or not shown:
+        return None
+    write_video(path, _video_frames(shown, fps), fps)
+    return path
+
+
+def _video_frames(results: Sequence[RunResult], fps: float) -> Iterator[Picture]:
+    width = 640 if len(results) == 1 else 480
+    end = max(float(r.series["time"][-1]) for r in results)
+    with ExitStack() as stack:
+        panels = [_Panel(r, stack.enter_context(RobotRenderer(r.robot, width, 480, smooth=False))) for r in results]
+        for k in range(int(end * fps) + 1):
+            yield np.hstack([panel.frame(k / fps) for panel in panels])
+
+
+class _Panel:
+    """One run's part of the film."""
+
+    def __init__(self, result: RunResult, renderer: RobotRenderer) -> None:
+        self.result = result
+        self.renderer = renderer
+        self.camera = _camera(result)
+        self.title = run_title(result)
+        self.closest = np.minimum.accumulate(smallest_self_collision(result))
+
+    def frame(self, t: float) -> Picture:
+        """Picture at time ``t`` [s] under its caption, shape (height, width, 3)."""
+        series = self.result.series
+        tick = _last_before(series["time"], t)
+        step = _last_before(series["step_time"], t)
+        picture = _picture(self.renderer, self.result, tick, self.camera)
+        over = t > series["time"][-1] + 0.1
+        closest = float(self.closest[step]) if len(self.closest) else np.inf
+        # on top, because a browser lays its player's controls over the lower edge
+        return np.vstack([_caption(picture.shape[1], self.title, t, closest, over), picture])
+
+
+def _caption(width: int, title: str, t: float, closest: float, over: bool) -> Picture:
+    strip = Image.new("RGB", (width, CAPTION_HEIGHT), CAPTION_BACK)
+    draw = ImageDraw.Draw(strip)
+    large, small = ImageFont.load_default(22), ImageFont.load_default(17)
+    draw.text((14, 7), title, font=large, fill=CAPTION_INK)
+    draw.text((14, 36), "run ended" if over else f"t = {t:5.2f} s", font=small, fill=CAPTION_INK)
+    if np.isfinite(closest):
+        text = f"closest so far {1e3 * closest:+.1f} mm"
+        colour = CAPTION_UNSAFE if closest < 0 else CAPTION_SAFE
+        draw.text((width - 14, 36), text, font=small, fill=colour, anchor="ra")
+    return np.asarray(strip)
+
+
+def _last_before(times: NDArray[Any], t: float) -> int:
+    """Index of the last of ``times`` not after ``t``; 0 when all are."""
+    return max(0, int(np.searchsorted(times, t + 1e-9, side="right")) - 1)
+
+
+def _key_ticks(result: RunResult, n: int) -> list[int]:
+    """``n`` ticks spread over the run, the nearest one moved to the smallest barrier."""
+    time = result.series["time"]
+    ticks = np.linspace(0, len(time) - 1, n).round().astype(int)
+    h = smallest_self_collision(result)
+    if len(h) and np.isfinite(h).any():
+        worst = _last_before(time, float(result.series["step_time"][np.nanargmin(h)]))
+        ticks[np.argmin(np.abs(ticks - worst))] = worst
+    return sorted({int(k) for k in ticks})
+
+
+def _camera(result: RunResult) -> Camera:
+    base = result.series["q"][:, :2]
+    if np.linalg.norm(np.ptp(base, axis=0)) > WALKING_DISTANCE:
+        return Camera()
+    return Camera(look_at=(float(base[0, 0]), float(base[0, 1])))
+
+
+def _picture(renderer: RobotRenderer, result: RunResult, tick: int, camera: Camera) -> Picture:
+    series = result.series
+    h_pairs = series["h_self_collision"]
+    colours = None
+    if len(h_pairs):
+        colours = barrier_colours(result.robot, h_pairs[_last_before(series["step_time"], series["time"][tick])])
+    targets = [series[name][tick] for name in ("left_hand_ref", "right_hand_ref") if name in series]
+    return renderer.image(series["q"][tick], colours, camera, np.array(targets) if targets else None)
+
+
+def _png(picture: Picture) -> bytes:
+    buffer = io.BytesIO()
+    Image.fromarray(picture).save(buffer, format="PNG", optimize=True)
+    return buffer.getvalue()

@@ -1,0 +1,94 @@
+"""Figures of merit of a run."""
+
+import platform
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull
+
+from experiments.loop import LoopOutcome
+from robots.messages import Array
+
+PACKAGES = ("safewbc", "pin", "mujoco", "daqp", "proxsuite", "numpy", "scipy", "numba", "filterpy")
+
+CONFLICT_MARGIN = 0.02
+"""The reference motion counts as in conflict while its own smallest self-collision barrier is below this [m]."""
+
+SETTLING = 3.0
+"""The CoM error counts from here on [s]."""
+
+
+def convex_polygon(points: Array) -> Array:
+    """Corners (k, 2) of the convex hull of points (n, 2), anticlockwise."""
+    return points[ConvexHull(points).vertices]
+
+
+def inside_polygon(points: Array, polygon: Array) -> Array:
+    """Whether each point (n, 2) lies in a convex anticlockwise polygon (k, 2); NaN lies outside."""
+    edge = np.roll(polygon, -1, axis=0) - polygon
+    relative = points[:, None, :] - polygon[None, :, :]
+    side = edge[:, 0] * relative[..., 1] - edge[:, 1] * relative[..., 0]
+    # a tenth of a millimetre: contact points lie on the sole's own edge when a foot tilts
+    return (side >= -1e-4 * np.linalg.norm(edge, axis=1)).all(axis=1)
+
+
+def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
+    """Figures that every experiment has, from the recorded series; times in s, lengths in m."""
+    h_pairs = series["h_self_collision"]
+    com_error = np.linalg.norm(series["com"] - series["com_ref"], axis=1)
+    settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration)]
+    soles = series["soles"]
+    slide = np.linalg.norm(soles[:, :, :2] - soles[0, :, :2], axis=2)
+    status = series["filter_status"]
+    out: dict[str, Any] = {
+        "duration_s": outcome.duration,
+        "fell": outcome.fell_at is not None,
+        "fell_at_s": outcome.fell_at,
+        "min_h_self_collision_m": _smallest(h_pairs),
+        "min_h_joint_limit_rad": _smallest(series["h_joint_limit"]),
+        "min_h_workspace_m": _smallest(series["h_workspace"]),
+        "com_rmse_m": float(np.sqrt(np.mean(com_error**2))),
+        "com_error_settled_max_m": float(settled.max()),
+        "foot_slide_max_m": float(slide.max()),
+        "zmp_inside_fraction": float(inside_polygon(series["step_zmp"], series["support_polygon"]).mean()),
+        "max_torque_fraction": float(series["torque_fraction"].max()),
+        "qp_failures": int(series["qp_failed"].sum() + (status == 3).sum()),
+        "filtered_fraction": float((status > 0).mean()),
+        "relaxed_fraction": float((status == 2).mean()),
+        "tick_ms_median": float(np.median(series["tick_ms"])),
+        "tick_ms_p99": float(np.percentile(series["tick_ms"], 99)),
+    }
+    return out | _hand_figures(series)
+
+
+def _smallest(values: Array) -> float | None:
+    return float(values.min()) if values.size else None
+
+
+def _hand_figures(series: dict[str, Array]) -> dict[str, Any]:
+    if "left_hand_ref" not in series:
+        return {"hand_rmse_m": None}
+    squared = sum(np.sum((series[name] - series[f"{name}_ref"]) ** 2, axis=1) for name in ("left_hand", "right_hand"))
+    mean = 0.5 * np.asarray(squared)
+    out: dict[str, Any] = {"hand_rmse_m": float(np.sqrt(mean.mean()))}
+    if "h_self_reference" in series:
+        reference = series["h_self_reference"]
+        free = reference[:: len(reference) // len(mean)][: len(mean)] >= CONFLICT_MARGIN
+        out["hand_rmse_outside_conflict_m"] = float(np.sqrt(mean[free].mean())) if free.any() else None
+        touching = float((reference < 0).mean())
+        now = float((series["h_self_collision"].min(axis=1) < 0).mean())
+        out["min_h_reference_m"] = float(reference.min())
+        out["collision_ratio"] = now / touching if touching > 0 else None
+    return out
+
+
+def versions() -> dict[str, str]:
+    """Versions of what a run depends on."""
+    out = {"python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            out[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            out[name] = "not installed"
+    return out

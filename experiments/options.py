@@ -1,0 +1,125 @@
+"""Options of the runs: what the command line offers, as dataclasses; nothing heavy is imported here."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+
+@dataclass(frozen=True)
+class PlantOptions:
+    """How the simulated robot differs from the controller's model."""
+
+    mass_scale: float = 1.0
+    """Factor on every mass and inertia of the simulated robot [-]; the controller keeps its nominal model."""
+    link_mass: dict[str, float] = field(default_factory=dict)
+    """Factor on single bodies' masses, by body name, on top of --mass-scale [-]."""
+    com_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Shift of the torso's centre of mass in its own axes [m m m]."""
+    friction: float = 0.8
+    """Friction coefficient of soles and ground [-]."""
+    joint_friction_scale: float = 1.0
+    """Factor on the joints' dry and viscous friction [-]."""
+    armature_scale: float = 1.0
+    """Factor on the reflected rotor inertias [-]."""
+    actuator_delay: float = 0.0
+    """Time from command to torque [s]."""
+    noise_scale: float = 0.0
+    """Sensor noise as a multiple of the standard set (joints 0.5 mrad and 0.02 rad/s, base 1 mm, 2 mrad) [-]."""
+    physics_dt: float = 0.001
+    """Physics step [s]."""
+
+
+@dataclass(frozen=True)
+class FilterOptions:
+    """The safety filter."""
+
+    filter: str = "issf"
+    """Safety filter: none, cbf or issf."""
+    alpha: float | None = None
+    """Slope of the self-collision condition [1/s]; the robot's own tuning if not given."""
+    epsilon: float | None = None
+    """ISSf parameter of self-collision [m s/rad^2]; smaller is more cautious; the robot's own tuning if not given."""
+
+
+@dataclass(frozen=True)
+class OutputOptions:
+    """Where results go."""
+
+    out: Path | None = None
+    """Folder of the results; runs/<experiment>-<time> if not given."""
+    report: bool = True
+    """Write report.html."""
+    video: bool = True
+    """Write video.mp4 where rendering is available."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What every run has."""
+
+    robot: str = "g1"
+    """Robot: g1, tocabi, or the path of a .toml description."""
+    duration: float = 10.0
+    """Simulated time [s]."""
+    control_rate: float = 500.0
+    """Control frequency [Hz]; its period must be a whole number of physics steps."""
+    seed: int = 0
+    """Seed of everything random (sensor noise) [-]."""
+    nan_at: float | None = None
+    """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
+    plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
+    safety: Annotated[FilterOptions, tyro.conf.arg(name="")] = field(default_factory=FilterOptions)
+    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
+
+
+@dataclass(frozen=True)
+class StandOptions(RunOptions):
+    """Stand still on both feet."""
+
+
+@dataclass(frozen=True)
+class HandTrackingOptions(RunOptions):
+    """Both hands follow references while the robot stands: circles through the torso, or targets beyond reach."""
+
+    duration: float = 12.0
+    """Simulated time [s]."""
+    motion: str = "circles"
+    """Hand motion: circles (3D circles through the torso) or beyond-reach (targets 30 cm out of reach)."""
+
+
+@dataclass(frozen=True)
+class DemoOptions:
+    """Hand tracking on the G1, 20 % heavier than its model, without and with the safety filter, side by side."""
+
+    robot: str = "g1"
+    """Robot: g1 or tocabi."""
+    mass_scale: float = 1.2
+    """Factor on every mass of the simulated robot [-]."""
+    duration: float = 12.0
+    """Simulated time of each run [s]."""
+    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """Measure, and print the figures. tick: one control tick, stage by stage, over a recorded run of each robot."""
+
+    what: tyro.conf.Positional[Literal["tick"]]
+    """What to measure."""
+    robots: tuple[str, ...] = ("g1", "tocabi")
+    """Robots to measure."""
+    ticks: int = 5000
+    """Ticks to measure, at least 100 [-]."""
+    filter: str = "issf"
+    """Safety filter: none, cbf or issf."""
+    solver: str = "daqp"
+    """QP solver of DynWBC: daqp or proxqp."""
+    out: Path | None = None
+    """Write the figures as JSON to this file too."""
+
+
+@dataclass(frozen=True)
+class DoctorOptions:
+    """Check the installation: imports, solvers, kernels, rendering."""

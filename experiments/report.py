@@ -1,0 +1,303 @@
+"""The report of one experiment: a single HTML file that needs nothing else to be read."""
+
+import base64
+import html
+import json
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+
+from experiments import plots
+from experiments.results import FILTER_STATUSES, RunResult, plain, run_title, smallest_self_collision
+from robots.errors import ConfigError
+
+Frames = Sequence[tuple[float, bytes]]
+
+LARGEST_EMBEDDED_VIDEO = 8_000_000
+"""Films above this size [bytes] stay beside the report and are linked."""
+
+FALLEN_SHARE = 0.6
+"""A centre of mass below this share of its first height counts as a fall, where the summary does not say."""
+
+UNITS = {
+    "mm": "mm", "m": "m", "cm": "cm", "ms": "ms", "us": "µs", "s": "s", "hz": "Hz", "deg": "°", "rad": "rad",
+    "nm": "N m", "n": "N", "kg": "kg", "percent": "%", "pct": "%", "mps": "m/s",
+}  # fmt: skip
+"""What the last part of a summary key means."""
+
+WORDS = {"com": "CoM", "zmp": "ZMP", "qp": "QP", "dcm": "DCM", "fell": "fell over", "h": "clearance"}
+"""Parts of summary keys that read better otherwise."""
+
+AMOUNTS = {
+    "min": "smallest", "max": "largest", "peak": "largest", "mean": "mean", "median": "median", "rms": "RMS",
+    "p50": "median", "p95": "95th percentile of", "p99": "99th percentile of", "final": "final",
+}  # fmt: skip
+"""Parts of summary keys that come first when read."""
+
+CAPTIONS = (
+    ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
+    ("Hands", plots.hand_plot, "Where the hands were and where they were asked to be; the last row is the distance."),
+    ("Balance", plots.balance_plot, "The zero-moment point has to stay inside the support polygon, or the feet tip."),
+    ("Centre of mass", plots.com_plot, "How far the centre of mass was from where it was asked to be."),
+    ("Filter", plots.filter_plot, "How much the safety filter changed the velocity it was given, and by what means."),
+    ("Torques", plots.torque_plot, "Motor torque as a share of the motor's limit."),
+    ("Computing time", plots.tick_plot, "Time of one control tick; the line is the median."),
+)
+
+STYLE = """
+:root { --ink: #26303a; --soft: #66727f; --line: #e1e6eb; --good: #1d7f4e; --bad: #c0262d; --back: #f5f7f9; }
+* { box-sizing: border-box; }
+body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.5 system-ui, "Segoe UI", sans-serif; }
+main { max-width: 1080px; margin: 0 auto; padding: 32px 20px 64px; }
+h1 { font-size: 27px; margin: 0 0 4px; }
+h2 { font-size: 18px; margin: 0 0 6px; }
+section { background: #fff; border: 1px solid var(--line); border-radius: 10px; padding: 18px 22px; margin-top: 18px; }
+p.soft, figcaption, td.unit { color: var(--soft); }
+p { margin: 4px 0 10px; }
+.scroll { overflow-x: auto; }
+table { border-collapse: collapse; width: 100%; }
+th, td { text-align: right; padding: 5px 12px; border-bottom: 1px solid var(--line); }
+td { font-variant-numeric: tabular-nums; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; }
+td.unit { text-align: left; padding-left: 0; width: 1%; white-space: nowrap; }
+tr:last-child td { border-bottom: 0; }
+.good { color: var(--good); } .bad { color: var(--bad); font-weight: 600; }
+ul.verdict { list-style: none; padding: 0; margin: 2px 0 12px; } ul.verdict:last-child { margin-bottom: 0; }
+.frames { display: flex; gap: 10px; flex-wrap: wrap; margin-bottom: 12px; }
+figure { margin: 0; } .frames figure { flex: 1 1 200px; max-width: 250px; }
+img, video { max-width: 100%; height: auto; display: block; border-radius: 6px; }
+figcaption { font-size: 13px; margin-top: 3px; }
+pre { background: var(--back); padding: 12px; border-radius: 6px; overflow-x: auto; font-size: 12.5px; }
+summary { cursor: pointer; }
+@media print { body { background: #fff; } section { break-inside: avoid; } }
+"""
+
+
+def write_report(
+    path: Path,
+    results: Sequence[RunResult],
+    title: str,
+    frames: Sequence[Frames] = (),
+    video: Path | None = None,
+    note: str = "",
+) -> Path:
+    """Write the report.
+
+    Args:
+        path: the HTML file.
+        results: at least one run; several are shown side by side.
+        title: heading.
+        frames: pictures (time [s], PNG) of each run, in the order of ``results``; may be empty.
+        video: film of the runs; put into the file unless it is large, then linked by its relative path.
+        note: a sentence under the heading, for example why there are no pictures.
+
+    Returns:
+        ``path``.
+
+    Raises:
+        ConfigError: there is no run, ``frames`` has another length, or the file cannot be written.
+    """
+    if not results:
+        raise ConfigError("results", [], "at least one run")
+    if frames and len(frames) != len(results):
+        raise ConfigError("frames", len(frames), f"one list of pictures per run, {len(results)} in all")
+    parts = [
+        _head(results, title, note),
+        _section("Outcome", _verdicts(results)),
+        _section("Figures", _table(results)),
+        _video(video, path),
+        _frame_section(results, frames),
+        *(_plot(heading, plot(results), caption) for heading, plot, caption in CAPTIONS),
+        _configuration(results),
+    ]
+    page = (
+        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head>\n<body><main>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</main></body></html>\n"
+    )
+    try:
+        path.write_text(page, encoding="utf-8")
+    except OSError as error:
+        raise ConfigError("report", str(path), f"a file that can be written ({error.strerror or error})") from error
+    return path
+
+
+def verdict(result: RunResult) -> list[tuple[bool, str]]:
+    """What happened in a run, in plain words.
+
+    Args:
+        result: the run.
+
+    Returns:
+        (whether it is good, sentence) for standing or falling, self-collision, the other barriers, and the filter.
+    """
+    if not len(result.series["time"]):
+        return [(False, "ended before the first tick")]
+    out = [_upright(result)]
+    if result.series["h_self_collision"].size:
+        out.append(_clearance(result))
+    out += _other_barriers(result)
+    counts = np.bincount(result.series["filter_status"].astype(int), minlength=len(FILTER_STATUSES))
+    if counts[2]:
+        out.append((False, f"the filter had to relax its constraints in {_ticks(int(counts[2]))}"))
+    if counts[3]:
+        out.append((False, f"the filter failed in {_ticks(int(counts[3]))}"))
+    return out
+
+
+def summary_label(key: str) -> tuple[str, str]:
+    """A summary key as (words, unit): ``com_error_max_mm`` gives ``("Largest CoM error", "mm")``."""
+    parts = key.lower().replace("self_collision", "self-collision").split("_")
+    unit = UNITS.get(parts[-1], "") if len(parts) > 1 else ""
+    parts = parts[:-1] if unit else parts
+    # the barrier's letter is read as a noun, after what it belongs to
+    parts.sort(key=lambda part: 0 if part in AMOUNTS else 2 if part == "h" else 1)
+    text = " ".join(AMOUNTS.get(part) or WORDS.get(part, part) for part in parts)
+    return text[:1].upper() + text[1:], unit
+
+
+def _upright(result: RunResult) -> tuple[bool, str]:
+    time, height = result.series["time"], result.series["com"][:, 2]
+    fell = result.summary.get("fell")
+    if fell is None:
+        fell = not bool(height[-1] > FALLEN_SHARE * height[0])  # also where the height is not a number
+    end = f"{float(time[-1]):.1f} s"
+    return (False, f"fell over; the run ended after {end}") if fell else (True, f"stayed upright for {end}")
+
+
+def _clearance(result: RunResult) -> tuple[bool, str]:
+    h = result.series["h_self_collision"]
+    smallest = smallest_self_collision(result)
+    if np.isnan(smallest).any():
+        return False, "distances between its bodies are not numbers in part of the run"
+    step, pair = np.unravel_index(int(np.argmin(h)), h.shape)
+    a, b = (name.replace("_", " ") for name in result.robot.self_collision_pairs[int(pair)])
+    at = float(result.series["step_time"][step])
+    if (worst := float(smallest.min())) < 0:
+        share = f"{100.0 * float(np.mean(smallest < 0)):.2g} % of the time"
+        return False, f"{a} entered {b} by {_mm(-worst)} (at {at:.1f} s; bodies overlapped for {share})"
+    return True, f"bodies stayed clear of each other by {_mm(worst)} (closest: {a} and {b}, at {at:.1f} s)"
+
+
+def _other_barriers(result: RunResult) -> list[tuple[bool, str]]:
+    """Only what was violated: joint limits and workspace bounds."""
+    out = []
+    joint = result.series["h_joint_limit"]
+    if joint.size and joint.min() < 0:
+        out.append((False, f"a joint went past its limit by {np.degrees(-joint.min()):.2g}°"))
+    workspace = result.series["h_workspace"]
+    for bound, h in zip(result.robot.workspace, workspace.T, strict=False):
+        if h.size and h.min() < 0:
+            out.append((False, f"{bound.name.replace('_', ' ')} went beyond its bound by {_mm(-float(h.min()))}"))
+    return out
+
+
+def _mm(length: float) -> str:
+    mm = 1e3 * length
+    return f"{mm:.0f} mm" if mm >= 10 else f"{mm:.1f} mm" if mm >= 0.1 else f"{mm:.2g} mm"
+
+
+def _ticks(count: int) -> str:
+    return f"{count} tick" + ("s" if count != 1 else "")
+
+
+def _section(heading: str, body: str) -> str:
+    return f"<section><h2>{html.escape(heading)}</h2>{body}</section>"
+
+
+def _head(results: Sequence[RunResult], title: str, note: str) -> str:
+    robots = ", ".join(dict.fromkeys(r.robot.title for r in results))
+    extra = f'<p class="soft">{html.escape(note)}</p>' if note else ""
+    return f'<h1>{html.escape(title)}</h1><p class="soft">{html.escape(robots)}</p>{extra}'
+
+
+def _verdicts(results: Sequence[RunResult]) -> str:
+    out = []
+    for result in results:
+        lines = "".join(
+            f'<li><span class="{"good" if good else "bad"}">{"✓" if good else "✗"}</span> {html.escape(text)}</li>'
+            for good, text in verdict(result)
+        )
+        out.append(f'<strong>{html.escape(run_title(result))}</strong><ul class="verdict">{lines}</ul>')
+    return "".join(out)
+
+
+def _table(results: Sequence[RunResult]) -> str:
+    keys = list(dict.fromkeys(key for result in results for key in result.summary))
+    head = "".join(f"<th>{html.escape(run_title(r))}</th>" for r in results)
+    rows = []
+    for key in keys:
+        words, unit = summary_label(key)
+        cells = "".join(_cell(key, plain(result.summary.get(key))) for result in results)
+        rows.append(f'<tr><td>{html.escape(words)}</td>{cells}<td class="unit">{html.escape(unit)}</td></tr>')
+    return f'<div class="scroll"><table><tr><th></th>{head}<th></th></tr>{"".join(rows)}</table></div>'
+
+
+def _cell(key: str, value: Any) -> str:
+    """One figure; a fall and a negative clearance or margin stand out."""
+    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
+    barrier = {"h", "clearance", "margin"} & set(key.split("_"))
+    bad = (key == "fell" and value is True) or bool(barrier and number is not None and number < 0)
+    style = ' class="bad"' if bad else ""
+    return f"<td{style}>{html.escape(_figure(value))}</td>"
+
+
+def _figure(value: Any) -> str:
+    if value is None:
+        return "n/a"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
+    return str(value)
+
+
+def _image(png: bytes, alt: str) -> str:
+    return f'<img alt="{html.escape(alt, quote=True)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
+
+
+def _video(video: Path | None, report: Path) -> str:
+    if video is None or not video.is_file():
+        return ""
+    if video.stat().st_size < LARGEST_EMBEDDED_VIDEO:
+        source = "data:video/mp4;base64," + base64.b64encode(video.read_bytes()).decode()
+    else:
+        source = quote(Path(os.path.relpath(video, report.parent)).as_posix())
+    return _section("Film", f'<video controls muted loop playsinline src="{source}"></video>')
+
+
+def _frame_section(results: Sequence[RunResult], frames: Sequence[Frames]) -> str:
+    if not any(frames):
+        return ""
+    body = (
+        '<p class="soft">Blue: far from every body it must not touch; green, yellow, orange: ever closer; '
+        "red: overlapping. Small green balls: where the hands should be.</p>"
+    )
+    for result, pictures in zip(results, frames, strict=True):
+        figures = "".join(
+            f"<figure>{_image(png, f'robot at {t:.2f} s')}<figcaption>{t:.2f} s</figcaption></figure>"
+            for t, png in pictures
+        )
+        body += f'<strong>{html.escape(run_title(result))}</strong><div class="frames">{figures}</div>'
+    return _section("Pictures", body)
+
+
+def _plot(heading: str, png: bytes | None, caption: str) -> str:
+    if png is None:
+        return ""
+    return _section(heading, f'<p class="soft">{html.escape(caption)}</p>{_image(png, heading)}')
+
+
+def _configuration(results: Sequence[RunResult]) -> str:
+    blocks = "".join(
+        f"<p><strong>{html.escape(run_title(r))}</strong></p>"
+        f"<pre>{html.escape(json.dumps(plain(r.config), indent=2))}</pre>"
+        for r in results
+    )
+    return f"<section><details><summary>Configuration, resolved</summary>{blocks}</details></section>"

@@ -1,0 +1,190 @@
+"""From options to a finished run: builds robot, plant and controller, runs, sums up."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.config import ControllerConfig, controller_config
+from controllers.motions import CenterOfMassShift, Motion
+from controllers.reference import WholeBodyReference, reference_here
+from controllers.supervisor import Supervisor
+from controllers.whole_body import WholeBodyController
+from experiments.loop import ClosedLoop
+from experiments.metrics import convex_polygon, summarise, versions
+from experiments.options import FilterOptions, PlantOptions, RunOptions
+from experiments.results import RunResult
+from robots.checks import require_between, require_non_negative, require_positive
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.loader import load_robot
+from robots.messages import Array
+from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
+from robots.pinocchio_model import standing_configuration
+from sims.plant import MujocoPlant, PlantConfig, SensorNoise
+
+STANDARD_NOISE = SensorNoise(
+    joint_position=5e-4,
+    joint_velocity=0.02,
+    base_position=1e-3,
+    base_orientation=2e-3,
+    base_linear_velocity=0.01,
+    base_angular_velocity=0.01,
+)
+"""Sensor noise of ``--noise-scale 1``: encoders and a good state estimate."""
+
+SETTLE = 1.5
+"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
+
+MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
+Extra = Callable[[WholeBodyController, WholeBodyReference, Sequence[Motion], float], dict[str, Array]]
+
+
+def plant_config(options: PlantOptions) -> PlantConfig:
+    """The plant's configuration of command-line options.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    changes = PhysicalChanges(
+        mass_scale=options.mass_scale,
+        link_mass_scale=dict(options.link_mass),
+        com_shift=options.com_shift,
+        sole_friction=options.friction,
+        joint_friction_scale=options.joint_friction_scale,
+        armature_scale=options.armature_scale,
+    )
+    require_between("noise_scale", options.noise_scale, 0.0, 100.0)
+    require_between("physics_dt", options.physics_dt, 1e-4, 0.005)
+    scaled = {f.name: options.noise_scale * getattr(STANDARD_NOISE, f.name) for f in dataclasses.fields(SensorNoise)}
+    return PlantConfig(options.physics_dt, changes, options.actuator_delay, SensorNoise(**scaled))
+
+
+def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str, Any]:
+    """Changes to a robot's controller configuration that the filter's options ask for.
+
+    Raises:
+        ConfigError: alpha or epsilon is not positive and finite.
+    """
+    safety = controller_config(robot).safety
+    for name in ("alpha", "epsilon"):
+        value = getattr(options, name)
+        if value is not None:
+            require_positive(name, value)
+            safety = dataclasses.replace(safety, **{f"self_collision_{name}": value})
+    return {"filter": options.filter, "safety": safety}
+
+
+def control_config(robot: RobotDescription, options: RunOptions) -> ControllerConfig:
+    """The controller's configuration of a run.
+
+    Raises:
+        ConfigError: a value is not allowed, or the control period is no whole number of physics steps.
+    """
+    require_between("control_rate", options.control_rate, 50.0, 10000.0)
+    dt = 1.0 / options.control_rate
+    steps = dt / options.plant.physics_dt
+    if steps < 0.999 or abs(steps - round(steps)) > 1e-6:
+        allowed = f"such that its period is a whole number of physics steps of {options.plant.physics_dt:g} s"
+        raise ConfigError("control_rate", options.control_rate, allowed)
+    return controller_config(robot, dt=dt, **filter_changes(robot, options.safety))
+
+
+def check_options(options: RunOptions) -> RobotDescription:
+    """Check every option of a run before anything is made or written; returns the robot.
+
+    Raises:
+        SafeWbcError: an option is not allowed.
+    """
+    require_between("duration", options.duration, 0.1, 3600.0)
+    require_between("seed", options.seed, 0, 2**63 - 1)
+    if options.nan_at is not None:
+        require_non_negative("nan_at", options.nan_at)
+    robot = load_robot(options.robot)
+    control_config(robot, options)
+    changes = plant_config(options.plant).changes
+    build_mujoco_spec(robot, changes)
+    return robot
+
+
+def run(
+    experiment: str,
+    options: RunOptions,
+    posture: str,
+    hands: MakeMotion | None = None,
+    extra: Extra | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> RunResult:
+    """Run one experiment from its options.
+
+    Args:
+        experiment: its name, for the summary.
+        options: of the run.
+        posture: name of the posture it starts from.
+        hands: makes the motion of the hands; ``None``: the hands are no task.
+        extra: further series, one value per control tick, to compute before the run with a controller of their own.
+        progress: called with the simulated time now and then.
+
+    Returns:
+        The result, not yet saved.
+
+    Raises:
+        SafeWbcError: an option is not allowed; nothing has run then.
+    """
+    robot = check_options(options)
+    control, plant_settings = control_config(robot, options), plant_config(options.plant)
+    plant = MujocoPlant(robot, plant_settings, np.random.default_rng(options.seed))
+    q0 = standing_configuration(robot, posture)
+    plant.reset(q0)
+    supervisor = Supervisor(WholeBodyController(robot, control, with_hands=hands is not None))
+    kin = supervisor.controller.kin
+    kin.update(q0, np.zeros(kin.nv))
+    reference = reference_here(kin, with_hands=hands is not None)
+    motions: list[Motion] = [CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE)]
+    if hands is not None:
+        motions.append(hands(robot, reference))
+    further: dict[str, Array] = {}
+    if extra is not None:
+        shadow = WholeBodyController(robot, control, with_hands=hands is not None)
+        further = extra(shadow, reference, motions, options.duration)
+    polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
+    loop = ClosedLoop(plant, supervisor, reference, motions, options.nan_at, progress)
+    outcome = loop.run(options.duration)
+    series = loop.series() | {"support_polygon": polygon}
+    steps, ticks = len(series["step_time"]), len(series["time"])
+    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in further.items()}
+    head = {
+        "experiment": experiment,
+        "robot": robot.name,
+        "filter": control.filter,
+        "mass_scale": options.plant.mass_scale,
+        "alpha": control.safety.self_collision_alpha,
+        "epsilon": control.safety.self_collision_epsilon,
+        "seed": options.seed,
+        "stop_cause": supervisor.cause,
+        "stop_time_s": supervisor.stopped_at if supervisor.cause else None,
+    }
+    summary = head | summarise(series, outcome) | {"versions": versions()}
+    return RunResult(robot, resolved_config(experiment, options, control, plant_settings), summary, series)
+
+
+def resolved_config(
+    experiment: str, options: RunOptions, control: ControllerConfig, plant: PlantConfig
+) -> dict[str, Any]:
+    """Everything that decides a run, as plain tables."""
+    settings = dataclasses.asdict(options)
+    settings.pop("output")
+    return {
+        "experiment": experiment,
+        "robot": options.robot,
+        "options": settings,
+        "controller": dataclasses.asdict(control),
+        "plant": dataclasses.asdict(plant),
+    }
+
+
+def default_folder(experiment: str, stamp: str) -> Path:
+    """Folder of a run that was given none."""
+    return Path("runs") / f"{experiment}-{stamp}"

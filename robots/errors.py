@@ -1,0 +1,52 @@
+"""Exceptions of the project: one tree, every message names the thing, the value and what is allowed."""
+
+
+class SafeWbcError(Exception):
+    """Base of every error the project raises on purpose."""
+
+
+class ConfigError(SafeWbcError, ValueError):
+    """A setting has a value that is not allowed.
+
+    Args:
+        name: the setting.
+        value: what it was set to.
+        allowed: what it may be, in words.
+    """
+
+    def __init__(self, name: str, value: object, allowed: str) -> None:
+        super().__init__(f"{name} = {value!r}: must be {allowed}")
+        self.name = name
+        self.value = value
+        self.allowed = allowed
+
+
+class DescriptionError(SafeWbcError, ValueError):
+    """A robot description cannot be used.
+
+    Args:
+        file: where the description came from.
+        entry: the entry at fault, for example ``body 'torso_link': mass``.
+        value: what stands there.
+        allowed: what may stand there, in words.
+    """
+
+    def __init__(self, file: object, entry: str, value: object, allowed: str) -> None:
+        super().__init__(f"{file}: {entry} = {value!r}: must be {allowed}")
+        self.file = str(file)
+        self.entry = entry
+        self.value = value
+        self.allowed = allowed
+
+
+class UnknownNameError(SafeWbcError, KeyError):
+    """A name (robot, frame, joint, filter, experiment) is not among the known ones."""
+
+    def __init__(self, kind: str, name: str, known: list[str]) -> None:
+        super().__init__(f"unknown {kind} {name!r}: known are {', '.join(known)}")
+        self.kind = kind
+        self.name = name
+        self.known = known
+
+    def __str__(self) -> str:
+        return str(self.args[0])

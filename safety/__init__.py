@@ -1,0 +1,1 @@
+"""Safety: barriers, conditions on the velocity, filters, obstacle tracks."""

@@ -1,0 +1,1 @@
+"""Plants: MuJoCo with model mismatch, sensors, rendering."""

@@ -1,0 +1,236 @@
+"""The plant: MuJoCo with a model that may differ from the controller's, motors, sensors."""
+
+from collections import deque
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from robots.checks import require_between, require_non_negative, require_positive
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.messages import Array, MotorCommand, RobotState
+from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
+from robots.rotation import rotation_from_quaternion
+
+
+@dataclass(frozen=True, slots=True)
+class SensorNoise:
+    """Standard deviations of white noise on the measured state; all zero for exact measurement.
+
+    Attributes:
+        joint_position: [rad].
+        joint_velocity: [rad/s].
+        base_position: [m].
+        base_orientation: rotation vector [rad].
+        base_linear_velocity: [m/s].
+        base_angular_velocity: [rad/s].
+    """
+
+    joint_position: float = 0.0
+    joint_velocity: float = 0.0
+    base_position: float = 0.0
+    base_orientation: float = 0.0
+    base_linear_velocity: float = 0.0
+    base_angular_velocity: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            require_non_negative(f"noise {name}", getattr(self, name))
+
+    @property
+    def none(self) -> bool:
+        """Whether every deviation is zero."""
+        return not any(getattr(self, name) for name in self.__slots__)
+
+
+@dataclass(frozen=True, slots=True)
+class PlantConfig:
+    """How the simulated robot differs from its description, and how it is stepped.
+
+    Attributes:
+        dt: physics step [s], above 0.
+        changes: mismatch of masses, friction, armature.
+        actuator_delay: time from command to torque [s], 0 or above; rounded to whole steps.
+        noise: of the measured state.
+    """
+
+    dt: float = 0.001
+    changes: PhysicalChanges = field(default_factory=PhysicalChanges)
+    actuator_delay: float = 0.0
+    noise: SensorNoise = field(default_factory=SensorNoise)
+
+    def __post_init__(self) -> None:
+        require_positive("dt", self.dt)
+        require_non_negative("actuator_delay", self.actuator_delay)
+        require_between("mass_scale", self.changes.mass_scale, 0.1, 10.0)
+        require_positive("sole_friction", self.changes.sole_friction)
+        for name, value in self.changes.link_mass_scale.items():
+            require_between(f"link_mass_scale of {name}", value, 0.1, 10.0)
+        for name in ("joint_friction_scale", "armature_scale"):
+            require_non_negative(name, getattr(self.changes, name))
+        if len(self.changes.com_shift) != 3 or not np.isfinite(self.changes.com_shift).all():
+            raise ConfigError("com_shift", self.changes.com_shift, "three finite numbers [m]")
+
+
+@dataclass(frozen=True, slots=True)
+class ImuReading:
+    """IMU in its own axes: ``gyro`` (3,) [rad/s], ``accelerometer`` (3,) [m/s^2], ``quaternion`` (4,) x, y, z, w."""
+
+    gyro: Array
+    accelerometer: Array
+    quaternion: Array
+
+
+class MujocoPlant:
+    """One robot on flat ground. Quaternion order and base-velocity axes are converted here and nowhere else.
+
+    Args:
+        robot: the description.
+        config: mismatch, delay, noise, step.
+        rng: source of the sensor noise.
+
+    Raises:
+        ConfigError: ``link_mass_scale`` names a body that does not exist.
+    """
+
+    def __init__(self, robot: RobotDescription, config: PlantConfig, rng: np.random.Generator) -> None:
+        bodies = [b.name for b in robot.bodies]
+        if unknown := sorted(set(config.changes.link_mass_scale) - set(bodies)):
+            raise ConfigError("link_mass_scale", unknown, "bodies of this robot: " + ", ".join(bodies))
+        self.robot = robot
+        self.config = config
+        spec = build_mujoco_spec(robot, config.changes)
+        spec.option.timestep = config.dt
+        self.model = spec.compile()
+        self.data = mujoco.MjData(self.model)
+        self._rng = rng
+        self.effort = robot.joint_array("effort")
+        self._pending: deque[tuple[int, MotorCommand]] = deque()
+        self._command: MotorCommand | None = None
+        self._steps = 0
+        self._delay_steps = round(config.actuator_delay / config.dt)
+        geom, site = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE
+        self._sole_geoms = [mujoco.mj_name2id(self.model, geom, f"{s.frame}_contact") for s in robot.soles]
+        self._sole_sites = [mujoco.mj_name2id(self.model, site, s.frame) for s in robot.soles]
+        self.torque = np.zeros(len(robot.joints))
+        self.total_mass = float(self.model.body_mass.sum())
+
+    @property
+    def time(self) -> float:
+        """Simulated time [s]."""
+        return float(self.data.time)
+
+    def reset(self, q: Array) -> None:
+        """Put the robot at ``q`` (nq,), pinocchio's order, at rest, at time zero."""
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = q
+        self.data.qpos[3:7] = q[[6, 3, 4, 5]]
+        self._pending.clear()
+        self._command = None
+        self._steps = 0
+        self.torque[:] = 0.0
+        mujoco.mj_forward(self.model, self.data)
+
+    def true_state(self) -> RobotState:
+        """State without noise; new arrays."""
+        qpos, qvel = self.data.qpos, self.data.qvel
+        q, v = qpos.copy(), qvel.copy()
+        q[3:6], q[6] = qpos[4:7], qpos[3]
+        v[:3] = rotation_from_quaternion(q[3:7]).T @ qvel[:3]
+        return RobotState(q, v, self.torque.copy(), self.time)
+
+    def measured_state(self) -> RobotState:
+        """State with the configured sensor noise; new arrays."""
+        state, noise = self.true_state(), self.config.noise
+        if noise.none:
+            return state
+        q, v, nj = state.q, state.v, len(self.robot.joints)
+        q[7:] += noise.joint_position * self._rng.standard_normal(nj)
+        v[6:] += noise.joint_velocity * self._rng.standard_normal(nj)
+        q[:3] += noise.base_position * self._rng.standard_normal(3)
+        v[:3] += noise.base_linear_velocity * self._rng.standard_normal(3)
+        v[3:6] += noise.base_angular_velocity * self._rng.standard_normal(3)
+        wxyz = q[[6, 3, 4, 5]]
+        mujoco.mju_quatIntegrate(wxyz, noise.base_orientation * self._rng.standard_normal(3), 1.0)
+        q[3:6], q[6] = wxyz[1:], wxyz[0]
+        return state
+
+    def send(self, command: MotorCommand) -> None:
+        """Send a command; it takes effect after the actuator delay and holds until the next one does."""
+        self._pending.append((self._steps + self._delay_steps, command))
+
+    def step(self) -> None:
+        """Advance by one physics step, the motors evaluating eq. (19) of Lee et al. within their effort limits.
+
+        Before the first command takes effect the torques are zero.
+        """
+        while self._pending and self._pending[0][0] <= self._steps:
+            self._command = self._pending.popleft()[1]
+        if self._command is not None:
+            torque = self._command.torque(self.data.qpos[7:], self.data.qvel[6:])
+            np.clip(torque, -self.effort, self.effort, out=self.torque)
+            self.data.ctrl[:] = self.torque
+        mujoco.mj_step(self.model, self.data)
+        self._steps += 1
+
+    def contact_wrenches(self) -> Array:
+        """Ground wrench on each sole (2, 6): force, then moment about the sole's centre, sole axes [N, N m].
+
+        Of the last physics step; zero without contact.
+        """
+        out = np.zeros((2, 6))
+        for i, (site, (force, moment)) in enumerate(zip(self._sole_sites, self._sole_loads(), strict=True)):
+            rotation = self.data.site_xmat[site].reshape(3, 3)
+            position = self.data.site_xpos[site]
+            out[i, :3] = rotation.T @ force
+            out[i, 3:] = rotation.T @ (moment - np.cross(position, force))
+        return out
+
+    def zero_moment_point(self) -> Array:
+        """Measured ZMP (2,) on the ground plane [m] from the net contact wrench; NaN without vertical force."""
+        loads = self._sole_loads()
+        force = loads[0][0] + loads[1][0]
+        moment = loads[0][1] + loads[1][1]
+        if force[2] < 1.0:
+            return np.full(2, np.nan)
+        return np.array([-moment[1], moment[0]]) / force[2]
+
+    def _sole_loads(self) -> list[tuple[Array, Array]]:
+        """World force and moment about the world's origin on each sole, summed over its contact points."""
+        contact, count = self.data.contact, self.data.ncon
+        loads = [(np.zeros(3), np.zeros(3)) for _ in self._sole_geoms]
+        if count == 0:
+            return loads
+        rows = contact.efc_address[:count, None] + np.arange(3)
+        local = np.where(rows >= 0, self.data.efc_force[rows], 0.0)
+        world = np.einsum("nij,ni->nj", contact.frame[:count].reshape(-1, 3, 3), local)
+        moment = np.cross(contact.pos[:count], world)
+        geoms = contact.geom[:count]
+        for i, geom in enumerate(self._sole_geoms):
+            # MuJoCo's contact frame points from the first geom to the second
+            sign = (geoms[:, 1] == geom).astype(float) - (geoms[:, 0] == geom)
+            loads[i] = (sign @ world, sign @ moment)
+        return loads
+
+    def sole_corners(self) -> Array:
+        """World positions (2, 4, 3) of the corners of both soles [m]."""
+        out = np.zeros((2, 4, 3))
+        signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        for i, (sole, site) in enumerate(zip(self.robot.soles, self._sole_sites, strict=True)):
+            local = np.column_stack([signs * [sole.half_length, sole.half_width], np.zeros(4)])
+            out[i] = local @ self.data.site_xmat[site].reshape(3, 3).T + self.data.site_xpos[site]
+        return out
+
+    def center_of_mass(self) -> Array:
+        """True centre of mass (3,) in the world [m], with the plant's own masses."""
+        return np.array(self.data.subtree_com[1])
+
+    def frame_position(self, name: str) -> Array:
+        """World position (3,) of a named frame's origin at the last physics step [m]."""
+        return np.array(self.data.site(name).xpos)
+
+    def imu(self) -> ImuReading:
+        """Reading of the IMU at the last physics step."""
+        sensor = {n: self.data.sensor(n).data.copy() for n in ("imu_gyro", "imu_accelerometer", "imu_quaternion")}
+        return ImuReading(sensor["imu_gyro"], sensor["imu_accelerometer"], sensor["imu_quaternion"][[1, 2, 3, 0]])

@@ -1,0 +1,105 @@
+"""The distribution: what it declares, what the lock holds, what the wheel carries, and whose packages get imported."""
+
+import ast
+import importlib
+import re
+import subprocess
+import sys
+import tomllib
+import zipfile
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import pytest
+from packaging.requirements import Requirement
+from packaging.utils import canonicalize_name
+
+ROOT = Path(__file__).resolve().parents[1]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
+DISTRIBUTION_OF = {"PIL": "pillow", "pinocchio": "pin"}
+"""Import name to distribution name where the two differ by more than the dash."""
+
+LOCK_TEXT = (ROOT / "requirements.lock").read_text(encoding="utf-8")
+LOCK_LINES = LOCK_TEXT.replace("\\\n", " ").splitlines()
+PIN = re.compile(r"([A-Za-z0-9._-]+)==([^ ;]+)( ; [^-]+)?(\s+--hash=sha256:[0-9a-f]{64})+")
+"""One line of the lock: name, version, marker, hashes; nothing else may stand there."""
+
+LOCK = {canonicalize_name(m[1]): m[2] for line in LOCK_LINES if (m := PIN.fullmatch(line))}
+
+
+def third_party_imports() -> set[str]:
+    """Top-level modules, neither ours nor the standard library's, that the six packages import."""
+    names = set()
+    for path in (p for package in PACKAGES for p in (ROOT / package).rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split(".")[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and node.module:
+                names.add(node.module.split(".")[0])
+    return names - set(PACKAGES) - sys.stdlib_module_names
+
+
+def test_six_packages_are_imported_from_this_tree() -> None:
+    # the PyPI project `safety` has our import name: the wrong one must not be picked up unseen
+    places = {name: importlib.import_module(name).__file__ for name in PACKAGES}
+    assert places == {name: str(ROOT / name / "__init__.py") for name in PACKAGES}
+
+
+def test_lock_holds_no_project_with_one_of_our_import_names() -> None:
+    assert LOCK
+    assert not set(PACKAGES) & set(LOCK)
+
+
+def test_every_declared_requirement_is_locked_within_its_bounds() -> None:
+    declared = [*PROJECT["project"]["dependencies"], *PROJECT["project"]["optional-dependencies"]["dev"]]
+    requirements = [Requirement(line) for line in [*declared, *PROJECT["build-system"]["requires"]]]
+    assert all(r.specifier for r in requirements)
+    locked = {r.name: LOCK.get(canonicalize_name(r.name)) for r in requirements}
+    assert not {name for name, version in locked.items() if version is None}
+    assert not [str(r) for r in requirements if not r.specifier.contains(str(locked[r.name]))]
+
+
+def test_every_line_of_the_lock_is_a_pin_with_hashes_and_names_no_place() -> None:
+    assert not [line for line in LOCK_LINES if not PIN.fullmatch(line)]
+    assert len(LOCK) == len(LOCK_LINES)
+
+
+def test_core_imports_are_core_dependencies_and_each_is_used() -> None:
+    declared = {canonicalize_name(Requirement(line).name) for line in PROJECT["project"]["dependencies"]}
+    assert {canonicalize_name(DISTRIBUTION_OF.get(n, n)) for n in third_party_imports()} == declared
+
+
+def test_console_script_points_at_a_function() -> None:
+    value = PROJECT["project"]["scripts"]["safewbc"]
+    assert callable(EntryPoint("safewbc", value, "console_scripts").load())
+
+
+def test_licence_is_declared_and_present() -> None:
+    assert PROJECT["project"]["license"] == "Apache-2.0"
+    assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def wheel_files(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
+    """Names in a wheel built from this tree with the locked backend; nothing is downloaded."""
+    place = tmp_path_factory.mktemp("wheel")
+    program = "import sys; from hatchling.build import build_wheel; build_wheel(sys.argv[1])"
+    run = subprocess.run(
+        [sys.executable, "-c", program, str(place)], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    assert run.returncode == 0, run.stderr
+    (wheel,) = place.glob("*.whl")
+    return set(zipfile.ZipFile(wheel).namelist())
+
+
+def test_wheel_carries_the_six_packages_and_nothing_else(wheel_files: set[str]) -> None:
+    tops = {name.split("/")[0] for name in wheel_files}
+    assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
+
+
+def test_wheel_carries_every_source_and_every_robot(wheel_files: set[str]) -> None:
+    sources = {p.relative_to(ROOT).as_posix() for package in PACKAGES for p in (ROOT / package).rglob("*.py")}
+    robots = {p.relative_to(ROOT).as_posix() for p in (ROOT / "robots" / "data").glob("*.toml")}
+    assert robots >= {"robots/data/g1.toml", "robots/data/tocabi.toml"}
+    assert wheel_files >= sources | robots

@@ -1,0 +1,1 @@
+"""Whole-body control: KinWBC, DynWBC, contacts and the quadratic programs behind them."""

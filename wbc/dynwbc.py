@@ -1,0 +1,266 @@
+"""DynWBC: joint torques from a quadratic program with full dynamics and contact wrench cones."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+from scipy.linalg import lapack
+
+from robots.checks import require_non_negative, require_positive
+from robots.kinematics import Kinematics
+from robots.messages import Array, Mask
+from wbc.contact import SoleContact, wrench_cone
+from wbc.qp import UNBOUNDED, QpStatus, make_solver
+
+
+@dataclass(frozen=True, slots=True)
+class DynWbcWeights:
+    r"""Weights of the cost, eq. (16) of Lee et al., and the gains of eq. (15).
+
+    Attributes:
+        acceleration: w_qdd on :math:`\|\ddot q - \ddot q^{safe}\|^2`, above 0.
+        force: w_c on the force part of :math:`\|F_c - F_c^{des}\|^2` [1/N^2], above 0.
+        moment: w_c on its moment part [1/(N m)^2], above 0.
+        torque_rate: w_tau on :math:`\|\tau - \tau_{prev}\|^2` [1/(N m)^2], 0 or above.
+        energy: w_M on :math:`\ddot q^T M \ddot q` [1/(kg m^2/s^4)], 0 or above.
+        contact: weight of :math:`\|J_c \ddot q + \dot J_c \dot q\|^2` on feet in contact; 0 is the paper's form.
+        kp: K_p of eq. (15) [1/s^2], 0 or above.
+        kd: K_d of eq. (15) [1/s], above 0.
+    """
+
+    acceleration: float = 1.0
+    force: float = 1e-2
+    moment: float = 1.0
+    torque_rate: float = 1e-3
+    energy: float = 1e-3
+    contact: float = 0.0
+    kp: float = 400.0
+    kd: float = 40.0
+
+    def __post_init__(self) -> None:
+        for name in ("acceleration", "force", "moment", "kd"):
+            require_positive(f"dynwbc {name}", getattr(self, name))
+        for name in ("torque_rate", "energy", "contact", "kp"):
+            require_non_negative(f"dynwbc {name}", getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True)
+class DynWbcResult:
+    """What DynWBC found.
+
+    Attributes:
+        torque: tau^opt, shape (nj,) [N m].
+        acceleration: shape (nv,) generalised acceleration.
+        wrench: shape (6 n,) contact wrenches, [force; moment about the sole's centre] in sole axes [N, N m].
+        status: of the solver; unless ``optimal`` the numbers are those of the last optimal tick.
+        iterations: of the solver.
+    """
+
+    torque: Array
+    acceleration: Array
+    wrench: Array
+    status: QpStatus
+    iterations: int
+
+
+@dataclass(frozen=True, slots=True)
+class DynWbcProblem:
+    """The reduced QP over x = [joint accelerations (nj); wrenches (6 n)] and the maps back from it.
+
+    Attributes:
+        hessian: shape (nx, nx).
+        gradient: shape (nx,).
+        rows: shape (16 n + nj, nx): wrench cones, then torques.
+        lower: shape (nx + 16 n + nj,).
+        upper: shape (nx + 16 n + nj,).
+        base: (6, nx) map and (6,) offset from x to the base's acceleration.
+        torque: (nj, nx) map and (nj,) offset from x to joint torques.
+    """
+
+    hessian: Array
+    gradient: Array
+    rows: Array
+    lower: Array
+    upper: Array
+    base: tuple[Array, Array]
+    torque: tuple[Array, Array]
+
+
+class DynWbc:
+    r"""The torque QP of eqs. (16)-(18) of Lee et al., base dynamics and torques eliminated.
+
+    .. math:: \min w_{\ddot q}\|\ddot q-\ddot q^{safe}\|^2 + \|F_c-F_c^{des}\|^2_{w_c}
+        + w_\tau\|\tau-\tau_{prev}\|^2 + w_M\,\ddot q^T M \ddot q
+        \;\text{s.t.}\; U F_c \le 0,\; M\ddot q + h = S^T\tau + J_c^T F_c,\; |\tau| \le \tau_{max}
+
+    The six rows of the base give its acceleration as a function of joint accelerations and wrenches, the others give
+    the torques: 29 + 12 variables on the G1 instead of the 76 of the full form, with the same optimum.
+
+    Args:
+        kin: kinematics of the robot (for sizes and frames).
+        contacts: soles that may touch the ground.
+        weights: weights and gains.
+        solver: name of the QP solver.
+
+    Raises:
+        ConfigError: unknown solver.
+        UnknownNameError: a sole's frame does not exist.
+    """
+
+    def __init__(
+        self, kin: Kinematics, contacts: Sequence[SoleContact], weights: DynWbcWeights, solver: str = "daqp"
+    ) -> None:
+        self.weights = weights
+        self.frame_ids = [kin.frame_id(c.frame) for c in contacts]
+        self.nj = kin.nv - 6
+        self.nf = 6 * len(self.frame_ids)
+        self.nx = self.nj + self.nf
+        self.effort = kin.robot.joint_array("effort")
+        self._solver = make_solver(solver, self.nx, 16 * len(contacts) + self.nj)
+        self._rows = np.zeros((16 * len(contacts) + self.nj, self.nx))
+        for i, contact in enumerate(contacts):
+            columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
+            self._rows[16 * i : 16 * i + 16, columns] = wrench_cone(contact)
+        self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
+        self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
+
+    def reset(self, torque: Array) -> None:
+        """Start from these torques (nj,) [N m] as tau_prev."""
+        self._last = DynWbcResult(torque.copy(), np.zeros(self.nj + 6), np.zeros(self.nf), "failed", 0)
+
+    def acceleration_reference(self, v_safe: Array, v: Array, dt: float) -> Array:
+        r"""Acceleration command (nv,) of a safe velocity (nv,), at measured velocity ``v`` (nv,).
+
+        Eq. (15) of Lee et al. with :math:`q^{safe} - q = \dot q^{safe} dt`.
+        """
+        return (self.weights.kp * dt) * v_safe + self.weights.kd * (v_safe - v)
+
+    def contact_jacobian(self, kin: Kinematics, in_contact: Mask) -> Array:
+        """Stacked Jacobians (6 n, nv) of the soles in their own axes; zero rows for feet that are not in contact."""
+        jacobian = np.zeros((self.nf, kin.nv))
+        for i, frame_id in enumerate(self.frame_ids):
+            if in_contact[i]:
+                rotation, _ = kin.frame_placement(frame_id)
+                world = kin.frame_jacobian(frame_id)
+                jacobian[6 * i : 6 * i + 3] = rotation.T @ world[:3]
+                jacobian[6 * i + 3 : 6 * i + 6] = rotation.T @ world[3:]
+        return jacobian
+
+    def build(
+        self, kin: Kinematics, acceleration: Array, wrench: Array, in_contact: Mask, contact_bias: Array | None = None
+    ) -> DynWbcProblem:
+        """Assemble the reduced QP.
+
+        Args:
+            kin: kinematics at the measured state.
+            acceleration: shape (nv,) commanded acceleration.
+            wrench: shape (6 n,) reference wrenches in sole axes [N, N m].
+            in_contact: shape (n,) bool; the wrench of a foot that is not in contact is held at zero.
+            contact_bias: shape (6 n,) J_c_dot q_dot in sole axes; used with the soft contact term only.
+
+        Returns:
+            The problem and the maps back to base acceleration and torques.
+        """
+        nj, w = self.nj, self.weights
+        mass, bias = kin.mass_matrix, kin.bias
+        jacobian = self.contact_jacobian(kin, in_contact)
+        factor, _ = lapack.dpotrf(mass[:6, :6])
+        right = np.empty((6, self.nx + 1))
+        right[:, :nj] = -mass[:6, 6:]
+        right[:, nj:-1] = jacobian[:, :6].T
+        right[:, -1] = -bias[:6]
+        solved, _ = lapack.dpotrs(factor, right)
+        base, base_0 = solved[:, :-1], solved[:, -1]
+        force = mass[6:, :6] @ solved
+        torque, torque_0 = force[:, :-1], force[:, -1] + bias[6:]
+        torque[:, :nj] += mass[6:, 6:]
+        inertial = torque.copy()
+        torque[:, nj:] -= jacobian[:, 6:].T
+        hessian = self._hessian(base, torque, inertial, jacobian)
+        gradient = self._gradient(base, base_0, torque, torque_0, jacobian, bias)
+        gradient[:nj] -= w.acceleration * acceleration[6:]
+        gradient -= w.acceleration * (acceleration[:6] @ base)
+        gradient[nj:] -= self._wrench_weight * wrench
+        if w.contact > 0:
+            self._add_contact_term(hessian, gradient, base, base_0, jacobian, contact_bias)
+        lower, upper = self._bounds(in_contact, torque_0)
+        self._rows[-nj:] = torque
+        return DynWbcProblem(hessian, gradient, self._rows, lower, upper, (base, base_0), (torque, torque_0))
+
+    def _hessian(self, base: Array, torque: Array, inertial: Array, jacobian: Array) -> Array:
+        r"""Quadratic part; :math:`A^T M A` with A = d(q_dd)/dx uses M A = [J_cb^T F part; inertial torques]."""
+        w, nj = self.weights, self.nj
+        momentum = np.zeros((6, self.nx))
+        momentum[:, nj:] = jacobian[:, :6].T
+        hessian = w.torque_rate * (torque.T @ torque)
+        hessian += base.T @ (w.acceleration * base + w.energy * momentum)
+        hessian[:nj] += w.energy * inertial
+        diagonal = np.einsum("ii->i", hessian)
+        diagonal[:nj] += w.acceleration
+        diagonal[nj:] += self._wrench_weight
+        return 0.5 * (hessian + hessian.T)
+
+    def _gradient(
+        self, base: Array, base_0: Array, torque: Array, torque_0: Array, jacobian: Array, bias: Array
+    ) -> Array:
+        """Linear part of base acceleration, torque rate and acceleration energy at zero references."""
+        w, nj = self.weights, self.nj
+        gradient = w.torque_rate * ((torque_0 - self._last.torque) @ torque)
+        # M A^T a0 with a0 = [base_0; 0]: its base rows are -bias, its joint rows M_jb base_0 = torque_0 - bias
+        gradient += (w.acceleration * base_0 - w.energy * bias[:6]) @ base
+        gradient[:nj] += w.energy * (torque_0 - bias[6:])
+        return gradient
+
+    def _add_contact_term(
+        self,
+        hessian: Array,
+        gradient: Array,
+        base: Array,
+        base_0: Array,
+        jacobian: Array,
+        contact_bias: Array | None,
+    ) -> None:
+        """Soft contact constraint: w_contact ||J_c q_dd + J_c_dot q_dot||^2."""
+        motion = jacobian[:, :6] @ base
+        motion[:, : self.nj] += jacobian[:, 6:]
+        offset = jacobian[:, :6] @ base_0 + (0.0 if contact_bias is None else contact_bias)
+        hessian += self.weights.contact * (motion.T @ motion)
+        gradient += self.weights.contact * (offset @ motion)
+
+    def _bounds(self, in_contact: Mask, torque_0: Array) -> tuple[Array, Array]:
+        nj, cone = self.nj, self._rows.shape[0] - self.nj
+        lower = np.full(self.nx + cone + nj, -UNBOUNDED)
+        upper = np.full(self.nx + cone + nj, UNBOUNDED)
+        upper[self.nx : self.nx + cone] = 0.0
+        for i, touching in enumerate(in_contact):
+            if not touching:
+                lower[nj + 6 * i : nj + 6 * i + 6] = 0.0
+                upper[nj + 6 * i : nj + 6 * i + 6] = 0.0
+        lower[-nj:] = -self.effort - torque_0
+        upper[-nj:] = self.effort - torque_0
+        return lower, upper
+
+    def solve(self, problem: DynWbcProblem) -> DynWbcResult:
+        """Solve an assembled problem.
+
+        Returns:
+            The optimum; when the solver gives none, the last optimal torques with the solver's status.
+        """
+        solution = self._solver.solve(problem.hessian, problem.gradient, problem.rows, problem.lower, problem.upper)
+        if solution.status != "optimal":
+            return replace(self._last, status=solution.status, iterations=solution.iterations)
+        x = solution.x
+        base, base_0 = problem.base
+        torque, torque_0 = problem.torque
+        acceleration = np.concatenate([base @ x + base_0, x[: self.nj]])
+        wrench = x[self.nj :].copy()
+        self._last = DynWbcResult(torque @ x + torque_0, acceleration, wrench, "optimal", solution.iterations)
+        return self._last
+
+
+def contact_bias_acceleration(kin: Kinematics, frame_ids: Sequence[int]) -> Array:
+    """J_c_dot q_dot (6 n,) of frames, in their own axes: classical acceleration at zero joint acceleration."""
+    pin.forwardKinematics(kin.model, kin.data, kin.q, kin.v, np.zeros(kin.nv))
+    local = pin.ReferenceFrame.LOCAL
+    return np.concatenate([pin.getFrameClassicalAcceleration(kin.model, kin.data, i, local).vector for i in frame_ids])

@@ -1,0 +1,164 @@
+"""KinWBC: prioritised inverse kinematics by null-space projection."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from scipy.linalg import lapack
+
+from robots.checks import require_positive
+from robots.kinematics import Kinematics
+from robots.messages import Array
+from wbc.tasks import Task
+
+Level = tuple[Array, Array]
+"""Jacobian (m, nv) and commanded velocity (m,) of one priority level."""
+
+
+def prioritised_velocity(levels: Sequence[Level], nv: int, sigma_min: float) -> Array:
+    r"""Generalised velocity that satisfies each level as well as possible without disturbing the ones above.
+
+    .. math:: \dot q_i = \dot q_{i-1} + J_{i|pre}^\dagger (\dot x_i - J_i \dot q_{i-1}),\quad
+        J_{i|pre} = J_i N_{i-1}
+
+    The pseudo-inverse sets singular values below ``sigma_min`` to zero. The recursion runs on an orthonormal basis Z
+    of the null space (N = Z Z^T), so that each level decomposes a smaller matrix J_i Z. Where triangular factors prove
+    that no singular value is below the cut, one QR of all levels replaces the SVDs; the two then agree to rounding.
+
+    Source: Lee et al., "Safety-Critical Whole-Body Control for Humanoid Robots via ISSf-CBFs", eq. (13).
+
+    Args:
+        levels: highest priority first; Jacobians (m_i, nv) and commanded velocities (m_i,).
+        nv: size of the velocity.
+        sigma_min: cut-off of singular values [m or 1, as the rows], above 0.
+
+    Returns:
+        Velocity, shape (nv,); its norm is at most the sum over levels of the residual norms over ``sigma_min``.
+    """
+    velocity, basis, done = _solve_stacked(levels, nv, sigma_min)
+    for jacobian, command in levels[done:]:
+        if basis.shape[1] == 0:
+            break
+        step, basis = _solve_level(jacobian, command - jacobian @ velocity, basis, sigma_min)
+        velocity = velocity + step
+    return velocity
+
+
+def _solve_stacked(levels: Sequence[Level], nv: int, sigma_min: float) -> tuple[Array, Array, int]:
+    """All leading levels that fit in one QR of the stacked Jacobians, if every one of them is regular.
+
+    With J^T = Q R, the diagonal blocks of R are the projected Jacobians J_{i|pre} in the basis Q_i, and forward
+    substitution through R^T carries out the recursion. Returns the velocity, the basis of the null space that is
+    left and the number of levels solved: 0 where a level is not certainly regular.
+    """
+    sizes = [command.size for _, command in levels]
+    count = 0
+    while count < len(sizes) and sum(sizes[: count + 1]) <= nv:
+        count += 1
+    if count == 0:
+        return np.zeros(nv), np.eye(nv), 0
+    stacked = np.concatenate([jacobian for jacobian, _ in levels[:count]])
+    command = np.concatenate([c for _, c in levels[:count]])
+    m = command.size
+    # LAPACK directly: numpy's wrapper costs more than the factorisation at this size
+    packed, tau, _, _ = lapack.dgeqrf(stacked.T)
+    inverse, info = lapack.dtrtri(packed[:m])
+    if info != 0 or not _blocks_regular(inverse, sizes[:count], sigma_min):
+        return np.zeros(nv), np.eye(nv), 0
+    q = _orthonormal(packed, tau)
+    coordinates, _ = lapack.dtrtrs(packed[:m], command, trans=1)
+    return q[:, :m] @ coordinates, q[:, m:], count
+
+
+def _blocks_regular(inverse: Array, sizes: Sequence[int], sigma_min: float) -> bool:
+    start = 0
+    for size in sizes:
+        block = inverse[start : start + size, start : start + size]
+        if not _surely_regular(block, sigma_min):
+            return False
+        start += size
+    return True
+
+
+def _orthonormal(packed: Array, tau: Array) -> Array:
+    """The square orthonormal factor (k, k) of a packed QR of a (k, m) matrix, m <= k."""
+    k, m = packed.shape
+    full = np.zeros((k, k), order="F")
+    full[:, :m] = packed
+    reflectors = np.zeros(k)
+    reflectors[:m] = tau
+    q, _, _ = lapack.dorgqr(full, reflectors, overwrite_a=1)
+    return q
+
+
+def _surely_regular(inverse: Array, sigma_min: float) -> bool:
+    """Whether a triangular matrix of this inverse has its smallest singular value certainly above the cut.
+
+    That value is at least 1 / ||R^-1||_F. LAPACK leaves garbage below the diagonal, hence the triangle.
+    """
+    upper = np.triu(inverse)
+    norm = float(np.sqrt((upper * upper).sum()))
+    return norm * sigma_min < 1.0
+
+
+def _solve_level(jacobian: Array, residual: Array, basis: Array, sigma_min: float) -> tuple[Array, Array]:
+    """One level: the step (nv,) inside the span of ``basis`` and the basis of what is left below it."""
+    projected = jacobian @ basis
+    m, k = projected.shape
+    if m > k:
+        return _solve_tall(projected, residual, basis, sigma_min)
+    return _solve_svd(projected, residual, basis, sigma_min)
+
+
+def _solve_tall(projected: Array, residual: Array, basis: Array, sigma_min: float) -> tuple[Array, Array]:
+    """More rows than freedom left (the posture): least squares through the small normal matrix."""
+    gram = projected.T @ projected
+    factor, info = lapack.dpotrf(gram)
+    if info == 0:
+        inverse, info = lapack.dtrtri(factor)
+        # squaring halves the digits: singular values above 0.01 still leave the answer good to 1e-12
+        if info == 0 and _surely_regular(inverse, max(sigma_min, 1e-2)):
+            solution, _ = lapack.dpotrs(factor, projected.T @ residual)
+            return basis @ solution, basis[:, :0]
+    return _solve_svd(projected, residual, basis, sigma_min)
+
+
+def _solve_svd(projected: Array, residual: Array, basis: Array, sigma_min: float) -> tuple[Array, Array]:
+    """Truncated SVD: singular values below the cut are set to zero and their directions stay free."""
+    u, sigma, vt = np.linalg.svd(projected)
+    rank = int((sigma > sigma_min).sum())
+    coordinates = (u[:, :rank].T @ residual) / sigma[:rank]
+    return basis @ (vt[:rank].T @ coordinates), basis @ vt[rank:].T
+
+
+class KinWbc:
+    """Stack of tasks by priority; evaluates them and solves for the desired generalised velocity.
+
+    Args:
+        nv: size of the velocity.
+        levels: tasks of each priority level, highest first.
+        sigma_min: cut-off of singular values, above 0.
+
+    Raises:
+        ConfigError: ``sigma_min`` is not positive.
+    """
+
+    def __init__(self, nv: int, levels: Sequence[Sequence[Task]], sigma_min: float = 0.03) -> None:
+        require_positive("sigma_min", sigma_min)
+        self.nv = nv
+        self.levels = tuple(tuple(level) for level in levels)
+        self.sigma_min = sigma_min
+
+    def evaluate(self, kin: Kinematics) -> list[Level]:
+        """Jacobian and command of each level, tasks of one level stacked."""
+        out: list[Level] = []
+        for level in self.levels:
+            parts = [task.evaluate(kin) for task in level]
+            if len(parts) == 1:
+                out.append(parts[0])
+            else:
+                out.append((np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])))
+        return out
+
+    def solve(self, levels: Sequence[Level]) -> Array:
+        """Desired generalised velocity (nv,) of evaluated levels, eq. (13)."""
+        return prioritised_velocity(levels, self.nv, self.sigma_min)

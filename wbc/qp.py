@@ -1,0 +1,183 @@
+"""Quadratic programs: one problem form, persistent solvers behind it. The only place that names a solver."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import daqp
+import numpy as np
+import proxsuite
+
+from robots.checks import require_one_of
+from robots.messages import Array
+
+QpStatus = Literal["optimal", "infeasible", "failed"]
+UNBOUNDED = 1e30
+"""Bounds of this size or more count as absent."""
+
+FEASIBILITY_TOLERANCE = 1e-9
+"""Largest violation of a row that a solution may show (rows are in m/s, rad/s, N or N m)."""
+
+
+@dataclass(frozen=True, slots=True)
+class QpSolution:
+    """Answer of a solver.
+
+    Attributes:
+        x: shape (n,) minimiser; the solver's last iterate unless ``status`` is ``optimal``.
+        multipliers: shape (n + m,) of the bounds, then the rows; positive where an upper side is active.
+        status: ``optimal``, ``infeasible`` (proved so) or ``failed`` (no answer: iteration limit, bad data).
+        iterations: of the solver.
+    """
+
+    x: Array
+    multipliers: Array
+    status: QpStatus
+    iterations: int
+
+
+class QpSolver(Protocol):
+    r"""A solver for problems of one size, warm-started from its last answer.
+
+    .. math:: \min_x \tfrac12 x^T H x + g^T x \quad \text{s.t.}\quad
+        l_x \le x \le u_x,\; l \le A x \le u
+    """
+
+    def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        """Solve one problem.
+
+        Args:
+            hessian: H, shape (n, n), symmetric positive definite.
+            gradient: g, shape (n,).
+            rows: A, shape (m, n).
+            lower: shape (n + m,), bounds of x, then of A x; ``-UNBOUNDED`` for none.
+            upper: shape (n + m,), likewise.
+
+        Returns:
+            The solution; never raises for a problem without solution.
+        """
+        ...
+
+
+def make_solver(name: str, n: int, m: int) -> QpSolver:
+    """A persistent solver for ``n`` variables and ``m`` rows.
+
+    Args:
+        name: ``daqp`` (dual active set) or ``proxqp`` (augmented Lagrangian).
+        n: number of variables.
+        m: number of rows.
+
+    Raises:
+        ConfigError: unknown name.
+    """
+    require_one_of("qp solver", name, ("daqp", "proxqp"))
+    return DaqpSolver(n, m) if name == "daqp" else ProxqpSolver(n, m)
+
+
+class DaqpSolver:
+    """DAQP behind :class:`QpSolver`: its workspace and active set persist between calls."""
+
+    def __init__(self, n: int, m: int) -> None:
+        """Prepare for ``n`` variables and ``m`` rows."""
+        self.n = n
+        self.m = m
+        self._model: daqp.Model | None = None
+        self._no_rows = np.zeros((0, n))
+
+    def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        """Solve one problem; see :meth:`QpSolver.solve`."""
+        if not _well_posed(gradient, rows, lower, upper):
+            return self._unsolved("failed")
+        if (lower > upper).any():
+            return self._unsolved("infeasible")
+        if not self._load(hessian, gradient, rows if self.m else self._no_rows, lower, upper):
+            self._model = None
+            return self._unsolved("failed")
+        assert self._model is not None
+        x, _, flag, info = self._model.solve()
+        status: QpStatus = "optimal" if flag == 1 else "infeasible" if flag == -1 else "failed"
+        if status != "optimal":
+            # the active set of an unsolved problem is no good start for the next one
+            self._model = None
+        return QpSolution(np.array(x), np.array(info["lam"]), status, int(info["iterations"]))
+
+    def _load(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
+        if self._model is None:
+            self._model = daqp.Model()
+            flag, _ = self._model.setup(hessian, gradient, rows, upper, lower)
+            self._model.settings = {"primal_tol": FEASIBILITY_TOLERANCE, "iter_limit": 2000}
+        else:
+            flag = self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower)
+        return int(flag) >= 0
+
+    def _unsolved(self, status: QpStatus) -> QpSolution:
+        return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
+
+
+class ProxqpSolver:
+    """ProxQP (dense, with box constraints) behind :class:`QpSolver`, iterations capped."""
+
+    def __init__(self, n: int, m: int) -> None:
+        """Prepare for ``n`` variables and ``m`` rows."""
+        self.n = n
+        self.m = m
+        self._qp = proxsuite.proxqp.dense.QP(n, 0, m, True)
+        self._qp.settings.eps_abs = FEASIBILITY_TOLERANCE
+        self._qp.settings.eps_rel = 0.0
+        self._qp.settings.max_iter = 500
+        self._qp.settings.max_iter_in = 500
+        self._qp.settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        self._loaded = False
+
+    def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        """Solve one problem; see :meth:`QpSolver.solve`."""
+        if not _well_posed(gradient, rows, lower, upper):
+            return self._unsolved("failed")
+        if (lower > upper).any():
+            return self._unsolved("infeasible")
+        n = self.n
+        load = self._qp.update if self._loaded else self._qp.init
+        load(H=hessian, g=gradient, C=rows, l=lower[n:], u=upper[n:], l_box=lower[:n], u_box=upper[:n])
+        self._loaded = True
+        self._qp.solve()
+        results = self._qp.results
+        solved = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_SOLVED
+        infeasible = results.info.status == proxsuite.proxqp.QPSolverOutput.PROXQP_PRIMAL_INFEASIBLE
+        status: QpStatus = "optimal" if solved else "infeasible" if infeasible else "failed"
+        # ProxQP stacks the multipliers of the rows before those of the box
+        multipliers = np.concatenate([results.z[self.m :], results.z[: self.m]])
+        return QpSolution(np.array(results.x), multipliers, status, int(results.info.iter))
+
+    def _unsolved(self, status: QpStatus) -> QpSolution:
+        return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
+
+
+def _well_posed(gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
+    """No NaN anywhere; only ``lower`` and ``upper`` may be huge."""
+    total = gradient.sum() + rows.sum() + lower.sum() + upper.sum()
+    return bool(np.isfinite(total))
+
+
+def kkt_residual(
+    hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array, solution: QpSolution
+) -> float:
+    """Largest violation of the optimality conditions of a solution: stationarity, feasibility, complementarity.
+
+    Args:
+        hessian: shape (n, n).
+        gradient: shape (n,).
+        rows: shape (m, n).
+        lower: shape (n + m,).
+        upper: shape (n + m,).
+        solution: what a solver returned for it.
+
+    Returns:
+        The largest absolute residual; sides at ``UNBOUNDED`` must have no multiplier.
+    """
+    full = np.vstack([np.eye(gradient.size), rows])
+    value = full @ solution.x
+    up, down = np.maximum(solution.multipliers, 0), np.maximum(-solution.multipliers, 0)
+    stationarity = hessian @ solution.x + gradient + full.T @ solution.multipliers
+    primal = np.maximum(0, np.maximum(lower - value, value - upper))
+    gap_up = np.where(upper < UNBOUNDED, np.abs(upper - value), UNBOUNDED) * up
+    gap_down = np.where(lower > -UNBOUNDED, np.abs(value - lower), UNBOUNDED) * down
+    return float(max(np.abs(r).max(initial=0.0) for r in (stationarity, primal, gap_up, gap_down)))

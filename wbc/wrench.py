@@ -1,0 +1,84 @@
+"""Contact wrench reference: from a commanded CoM acceleration to a wrench for each foot."""
+
+import numpy as np
+
+from robots.messages import Array, Mask
+from robots.rotation import skew
+
+GRAVITY = 9.81
+"""Acceleration of gravity [m/s^2], as in pinocchio and MuJoCo."""
+
+
+def distribute_wrench(
+    mass: float,
+    com: Array,
+    com_acceleration: Array,
+    soles: list[tuple[Array, Array]],
+    load: Array,
+    half_sizes: Array,
+) -> Array:
+    r"""Share out the force and moment that accelerate the CoM without changing angular momentum.
+
+    Total force :math:`m (\ddot c + g)` acts at the ZMP, the point of the sole plane on its line through the CoM,
+    moved into the convex hull of the loaded soles. Each foot carries the share ``load`` of the force; the moment that
+    is left about the soles' centres is shared the same way.
+
+    Source: after Kajita et al., "Biped walking stabilization based on linear inverted pendulum tracking" (IROS 2010),
+    section on the ZMP distributor; the F_c^des of eq. (16) of Lee et al.
+
+    Args:
+        mass: of the robot [kg].
+        com: shape (3,) centre of mass, world [m].
+        com_acceleration: shape (3,) commanded, world [m/s^2].
+        soles: rotation (3, 3) and centre (3,) of each sole's frame in the world.
+        load: shape (n,) share of each foot, 0 or above, summing to 1.
+        half_sizes: shape (n, 2) half length and half width of each sole [m]; bound the centre of pressure.
+
+    Returns:
+        Shape (6 n,): [force; moment about the sole's centre] of each foot, in its sole's axes [N, N m].
+    """
+    force = mass * (com_acceleration + np.array([0.0, 0.0, GRAVITY]))
+    if force[2] <= 0:
+        return np.zeros(6 * len(soles))
+    ground = float(sum(share * position[2] for share, (_, position) in zip(load, soles, strict=True)))
+    zmp = com + force * ((ground - com[2]) / force[2])
+    centre = sum(share * position for share, (_, position) in zip(load, soles, strict=True))
+    moment = np.cross(zmp - centre, force)
+    out = np.zeros(6 * len(soles))
+    for i, (rotation, _) in enumerate(soles):
+        f = rotation.T @ (load[i] * force)
+        m = rotation.T @ (load[i] * moment)
+        m[0] = float(np.clip(m[0], -half_sizes[i, 1] * f[2], half_sizes[i, 1] * f[2]))
+        m[1] = float(np.clip(m[1], -half_sizes[i, 0] * f[2], half_sizes[i, 0] * f[2]))
+        out[6 * i : 6 * i + 3] = f
+        out[6 * i + 3 : 6 * i + 6] = m
+    return out
+
+
+def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask) -> Array:
+    """Share of the vertical force on each of two feet: the ZMP's place on the line between their centres.
+
+    Args:
+        zmp: shape (2,) [m].
+        centres: shape (2, 2) horizontal centres of left and right sole [m].
+        in_contact: shape (2,) whether each foot is on the ground.
+
+    Returns:
+        Shape (2,), 0 or above, summing to 1 with a foot on the ground, else zeros.
+    """
+    if not in_contact.all():
+        return in_contact.astype(float)
+    line = centres[0] - centres[1]
+    length = float(line @ line)
+    left = 0.5 if length < 1e-9 else float(np.clip((zmp - centres[1]) @ line / length, 0.0, 1.0))
+    return np.array([left, 1.0 - left])
+
+
+def net_wrench(wrenches: Array, soles: list[tuple[Array, Array]], about: Array) -> Array:
+    """Sum (6,) about a world point of foot wrenches (6 n,) in sole axes: force, then moment, world axes."""
+    total = np.zeros(6)
+    for i, (rotation, position) in enumerate(soles):
+        force = rotation @ wrenches[6 * i : 6 * i + 3]
+        total[:3] += force
+        total[3:] += rotation @ wrenches[6 * i + 3 : 6 * i + 6] + skew(position - about) @ force
+    return total

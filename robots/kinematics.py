@@ -127,9 +127,10 @@ class Kinematics:
         """Rotation (3, 3) and position (3,) [m] of a frame in the world, as views."""
         return self._placements[frame_id]
 
-    def frame_jacobian(self, frame_id: int) -> Array:
-        """Jacobian (6, nv) of a frame: velocity of its origin, then angular velocity, world axes."""
-        return pin.getFrameJacobian(self.model, self.data, frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+    def frame_jacobian(self, frame_id: int, local: bool = False) -> Array:
+        """Jacobian (6, nv) of a frame: velocity of its origin, then angular; world axes, or its own if ``local``."""
+        axes = pin.ReferenceFrame.LOCAL if local else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.getFrameJacobian(self.model, self.data, frame_id, axes)
 
     def frame_velocity(self, frame_id: int) -> Array:
         """Velocity (6,) of a frame: of its origin [m/s], then angular [rad/s], world axes."""

@@ -42,19 +42,21 @@ def rotation_log(rotation: Array) -> Array:
 
     Near pi the axis comes from the symmetric part, whose largest diagonal entry is then well conditioned.
     """
-    r = rotation
-    w = np.array([r[2, 1] - r[1, 2], r[0, 2] - r[2, 0], r[1, 0] - r[0, 1]])
-    sine = 0.5 * math.sqrt(w[0] * w[0] + w[1] * w[1] + w[2] * w[2])
-    cosine = 0.5 * (r[0, 0] + r[1, 1] + r[2, 2] - 1.0)
+    # plain floats: indexing an array costs more than the arithmetic
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation.tolist()
+    wx, wy, wz = zy - yz, xz - zx, yx - xy
+    sine = 0.5 * math.sqrt(wx * wx + wy * wy + wz * wz)
+    cosine = 0.5 * (xx + yy + zz - 1.0)
     angle = math.atan2(sine, cosine)
     if sine > 1e-6:
-        return w * (0.5 * angle / sine)
+        scale = 0.5 * angle / sine
+        return np.array([scale * wx, scale * wy, scale * wz])
     if cosine > 0:
-        return 0.5 * w
-    b = 0.5 * (r + np.eye(3))
+        return np.array([0.5 * wx, 0.5 * wy, 0.5 * wz])
+    b = 0.5 * (rotation + np.eye(3))
     k = int(np.argmax(np.diag(b)))
     axis = b[:, k] / math.sqrt(b[k, k])
-    return angle * axis * (1.0 if axis @ w >= 0 else -1.0)
+    return angle * axis * (1.0 if axis @ np.array([wx, wy, wz]) >= 0 else -1.0)
 
 
 def rotation_from_quaternion(quaternion: Array) -> Array:

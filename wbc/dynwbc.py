@@ -5,12 +5,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
-from scipy.linalg import lapack
 
 from robots.checks import require_non_negative, require_positive
 from robots.kinematics import Kinematics
 from robots.messages import Array, Mask
 from wbc.contact import SoleContact, wrench_cone
+from wbc.kernels import eliminate_base, torque_cost
 from wbc.qp import UNBOUNDED, QpStatus, make_solver
 
 
@@ -122,6 +122,9 @@ class DynWbc:
         for i, contact in enumerate(contacts):
             columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
             self._rows[16 * i : 16 * i + 16, columns] = wrench_cone(contact)
+        free = np.full(self.nx, UNBOUNDED)
+        self._lower = np.concatenate([-free, np.full(16 * len(contacts), -UNBOUNDED), -self.effort])
+        self._upper = np.concatenate([free, np.zeros(16 * len(contacts)), self.effort])
         self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
         self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
 
@@ -141,10 +144,7 @@ class DynWbc:
         jacobian = np.zeros((self.nf, kin.nv))
         for i, frame_id in enumerate(self.frame_ids):
             if in_contact[i]:
-                rotation, _ = kin.frame_placement(frame_id)
-                world = kin.frame_jacobian(frame_id)
-                jacobian[6 * i : 6 * i + 3] = rotation.T @ world[:3]
-                jacobian[6 * i + 3 : 6 * i + 6] = rotation.T @ world[3:]
+                jacobian[6 * i : 6 * i + 6] = kin.frame_jacobian(frame_id, local=True)
         return jacobian
 
     def build(
@@ -162,83 +162,56 @@ class DynWbc:
         Returns:
             The problem and the maps back to base acceleration and torques.
         """
-        nj, w = self.nj, self.weights
-        mass, bias = kin.mass_matrix, kin.bias
+        nj, nx, w = self.nj, self.nx, self.weights
         jacobian = self.contact_jacobian(kin, in_contact)
-        factor, _ = lapack.dpotrf(mass[:6, :6])
-        right = np.empty((6, self.nx + 1))
-        right[:, :nj] = -mass[:6, 6:]
-        right[:, nj:-1] = jacobian[:, :6].T
-        right[:, -1] = -bias[:6]
-        solved, _ = lapack.dpotrs(factor, right)
-        base, base_0 = solved[:, :-1], solved[:, -1]
-        force = mass[6:, :6] @ solved
-        torque, torque_0 = force[:, :-1], force[:, -1] + bias[6:]
-        torque[:, :nj] += mass[6:, 6:]
-        inertial = torque.copy()
-        torque[:, nj:] -= jacobian[:, 6:].T
-        hessian = self._hessian(base, torque, inertial, jacobian)
-        gradient = self._gradient(base, base_0, torque, torque_0, jacobian, bias)
-        gradient[:nj] -= w.acceleration * acceleration[6:]
-        gradient -= w.acceleration * (acceleration[:6] @ base)
-        gradient[nj:] -= self._wrench_weight * wrench
+        base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))
+        eliminate_base(kin.mass_matrix, kin.bias, jacobian, base, torque)
+        hessian, gradient = np.empty((nx, nx)), np.empty(nx)
+        torque_cost(
+            base,
+            torque,
+            jacobian,
+            kin.bias,
+            acceleration,
+            wrench,
+            self._last.torque,
+            self._wrench_weight,
+            w.acceleration,
+            w.torque_rate,
+            w.energy,
+            hessian,
+            gradient,
+        )
+        base_map, torque_map = (base[:, :-1], base[:, -1]), (torque[:, :-1], torque[:, -1])
         if w.contact > 0:
-            self._add_contact_term(hessian, gradient, base, base_0, jacobian, contact_bias)
-        lower, upper = self._bounds(in_contact, torque_0)
-        self._rows[-nj:] = torque
-        return DynWbcProblem(hessian, gradient, self._rows, lower, upper, (base, base_0), (torque, torque_0))
-
-    def _hessian(self, base: Array, torque: Array, inertial: Array, jacobian: Array) -> Array:
-        r"""Quadratic part; :math:`A^T M A` with A = d(q_dd)/dx uses M A = [J_cb^T F part; inertial torques]."""
-        w, nj = self.weights, self.nj
-        momentum = np.zeros((6, self.nx))
-        momentum[:, nj:] = jacobian[:, :6].T
-        hessian = w.torque_rate * (torque.T @ torque)
-        hessian += base.T @ (w.acceleration * base + w.energy * momentum)
-        hessian[:nj] += w.energy * inertial
-        diagonal = np.einsum("ii->i", hessian)
-        diagonal[:nj] += w.acceleration
-        diagonal[nj:] += self._wrench_weight
-        return 0.5 * (hessian + hessian.T)
-
-    def _gradient(
-        self, base: Array, base_0: Array, torque: Array, torque_0: Array, jacobian: Array, bias: Array
-    ) -> Array:
-        """Linear part of base acceleration, torque rate and acceleration energy at zero references."""
-        w, nj = self.weights, self.nj
-        gradient = w.torque_rate * ((torque_0 - self._last.torque) @ torque)
-        # M A^T a0 with a0 = [base_0; 0]: its base rows are -bias, its joint rows M_jb base_0 = torque_0 - bias
-        gradient += (w.acceleration * base_0 - w.energy * bias[:6]) @ base
-        gradient[:nj] += w.energy * (torque_0 - bias[6:])
-        return gradient
+            self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
+        lower, upper = self._bounds(in_contact, torque_map[1])
+        self._rows[-nj:] = torque_map[0]
+        return DynWbcProblem(hessian, gradient, self._rows, lower, upper, base_map, torque_map)
 
     def _add_contact_term(
         self,
         hessian: Array,
         gradient: Array,
-        base: Array,
-        base_0: Array,
+        base: tuple[Array, Array],
         jacobian: Array,
         contact_bias: Array | None,
     ) -> None:
         """Soft contact constraint: w_contact ||J_c q_dd + J_c_dot q_dot||^2."""
-        motion = jacobian[:, :6] @ base
+        motion = jacobian[:, :6] @ base[0]
         motion[:, : self.nj] += jacobian[:, 6:]
-        offset = jacobian[:, :6] @ base_0 + (0.0 if contact_bias is None else contact_bias)
+        offset = jacobian[:, :6] @ base[1] + (0.0 if contact_bias is None else contact_bias)
         hessian += self.weights.contact * (motion.T @ motion)
         gradient += self.weights.contact * (offset @ motion)
 
     def _bounds(self, in_contact: Mask, torque_0: Array) -> tuple[Array, Array]:
-        nj, cone = self.nj, self._rows.shape[0] - self.nj
-        lower = np.full(self.nx + cone + nj, -UNBOUNDED)
-        upper = np.full(self.nx + cone + nj, UNBOUNDED)
-        upper[self.nx : self.nx + cone] = 0.0
+        lower, upper = self._lower.copy(), self._upper.copy()
         for i, touching in enumerate(in_contact):
             if not touching:
-                lower[nj + 6 * i : nj + 6 * i + 6] = 0.0
-                upper[nj + 6 * i : nj + 6 * i + 6] = 0.0
-        lower[-nj:] = -self.effort - torque_0
-        upper[-nj:] = self.effort - torque_0
+                columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
+                lower[columns] = upper[columns] = 0.0
+        lower[-self.nj :] -= torque_0
+        upper[-self.nj :] -= torque_0
         return lower, upper
 
     def solve(self, problem: DynWbcProblem) -> DynWbcResult:

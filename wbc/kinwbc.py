@@ -8,6 +8,7 @@ from scipy.linalg import lapack
 from robots.checks import require_positive
 from robots.kinematics import Kinematics
 from robots.messages import Array
+from wbc.kernels import smallest_block_bound
 from wbc.tasks import Task
 
 Level = tuple[Array, Array]
@@ -62,21 +63,11 @@ def _solve_stacked(levels: Sequence[Level], nv: int, sigma_min: float) -> tuple[
     # LAPACK directly: numpy's wrapper costs more than the factorisation at this size
     packed, tau, _, _ = lapack.dgeqrf(stacked.T)
     inverse, info = lapack.dtrtri(packed[:m])
-    if info != 0 or not _blocks_regular(inverse, sizes[:count], sigma_min):
+    if info != 0 or smallest_block_bound(inverse, np.array(sizes[:count])) <= sigma_min:
         return np.zeros(nv), np.eye(nv), 0
     q = _orthonormal(packed, tau)
     coordinates, _ = lapack.dtrtrs(packed[:m], command, trans=1)
     return q[:, :m] @ coordinates, q[:, m:], count
-
-
-def _blocks_regular(inverse: Array, sizes: Sequence[int], sigma_min: float) -> bool:
-    start = 0
-    for size in sizes:
-        block = inverse[start : start + size, start : start + size]
-        if not _surely_regular(block, sigma_min):
-            return False
-        start += size
-    return True
 
 
 def _orthonormal(packed: Array, tau: Array) -> Array:
@@ -88,16 +79,6 @@ def _orthonormal(packed: Array, tau: Array) -> Array:
     reflectors[:m] = tau
     q, _, _ = lapack.dorgqr(full, reflectors, overwrite_a=1)
     return q
-
-
-def _surely_regular(inverse: Array, sigma_min: float) -> bool:
-    """Whether a triangular matrix of this inverse has its smallest singular value certainly above the cut.
-
-    That value is at least 1 / ||R^-1||_F. LAPACK leaves garbage below the diagonal, hence the triangle.
-    """
-    upper = np.triu(inverse)
-    norm = float(np.sqrt((upper * upper).sum()))
-    return norm * sigma_min < 1.0
 
 
 def _solve_level(jacobian: Array, residual: Array, basis: Array, sigma_min: float) -> tuple[Array, Array]:
@@ -116,7 +97,7 @@ def _solve_tall(projected: Array, residual: Array, basis: Array, sigma_min: floa
     if info == 0:
         inverse, info = lapack.dtrtri(factor)
         # squaring halves the digits: singular values above 0.01 still leave the answer good to 1e-12
-        if info == 0 and _surely_regular(inverse, max(sigma_min, 1e-2)):
+        if info == 0 and smallest_block_bound(inverse, np.array([gram.shape[0]])) > max(sigma_min, 1e-2):
             solution, _ = lapack.dpotrs(factor, projected.T @ residual)
             return basis @ solution, basis[:, :0]
     return _solve_svd(projected, residual, basis, sigma_min)

@@ -1,5 +1,6 @@
 """Operational-space tasks of KinWBC: a Jacobian and a commanded task velocity each."""
 
+import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 
@@ -37,7 +38,7 @@ class TaskGains:
     def correction(self, error: Array) -> Array:
         """The correction velocity of an error (m,), its norm clipped."""
         v = self.k * error
-        norm = float(np.sqrt(v @ v))
+        norm = math.sqrt(v @ v)
         return v if norm <= self.max_correction else v * (self.max_correction / norm)
 
 

@@ -40,19 +40,23 @@ def distribute_wrench(
     force = mass * (com_acceleration + np.array([0.0, 0.0, GRAVITY]))
     if force[2] <= 0:
         return np.zeros(6 * len(soles))
-    ground = float(sum(share * position[2] for share, (_, position) in zip(load, soles, strict=True)))
-    zmp = com + force * ((ground - com[2]) / force[2])
-    centre = sum(share * position for share, (_, position) in zip(load, soles, strict=True))
-    moment = np.cross(zmp - centre, force)
+    centre = load @ np.array([position for _, position in soles])
+    zmp = com + force * ((centre[2] - com[2]) / force[2])
+    moment = skew(zmp - centre) @ force
     out = np.zeros(6 * len(soles))
     for i, (rotation, _) in enumerate(soles):
-        f = rotation.T @ (load[i] * force)
-        m = rotation.T @ (load[i] * moment)
-        m[0] = float(np.clip(m[0], -half_sizes[i, 1] * f[2], half_sizes[i, 1] * f[2]))
-        m[1] = float(np.clip(m[1], -half_sizes[i, 0] * f[2], half_sizes[i, 0] * f[2]))
+        f = load[i] * (rotation.T @ force)
+        m = load[i] * (rotation.T @ moment)
         out[6 * i : 6 * i + 3] = f
-        out[6 * i + 3 : 6 * i + 6] = m
+        out[6 * i + 3] = _clamp(m[0], half_sizes[i, 1] * f[2])
+        out[6 * i + 4] = _clamp(m[1], half_sizes[i, 0] * f[2])
+        out[6 * i + 5] = m[2]
     return out
+
+
+def _clamp(value: float, bound: float) -> float:
+    """``value`` moved into [-bound, bound]; 0 for a bound that is not positive (the foot pulls)."""
+    return max(-bound, min(value, bound)) if bound > 0 else 0.0
 
 
 def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask) -> Array:
@@ -70,7 +74,7 @@ def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask) -> Array:
         return in_contact.astype(float)
     line = centres[0] - centres[1]
     length = float(line @ line)
-    left = 0.5 if length < 1e-9 else float(np.clip((zmp - centres[1]) @ line / length, 0.0, 1.0))
+    left = 0.5 if length < 1e-9 else max(0.0, min(float((zmp - centres[1]) @ line) / length, 1.0))
     return np.array([left, 1.0 - left])
 
 

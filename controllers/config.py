@@ -14,6 +14,9 @@ from wbc.dynwbc import DynWbcWeights
 
 T = TypeVar("T")
 
+TABLES = ("tasks", "safety", "contact", "dynwbc", "controller", "hand_tracking")
+"""Tables below ``[tuning]`` that some part of the project reads."""
+
 
 @dataclass(frozen=True, slots=True)
 class TaskTuning:
@@ -62,6 +65,7 @@ class FilterTuning:
         workspace_alpha: workspace bounds.
         workspace_epsilon: workspace bounds.
         foot_weight: weight on velocity given to stance feet, 0 or above.
+        balance_weight: weight on changes of the tasks between feet and hands (CoM, base, torso), 0 or above.
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
@@ -78,13 +82,14 @@ class FilterTuning:
     workspace_alpha: float = 5.0
     workspace_epsilon: float = 5.0
     foot_weight: float = 1000.0
+    balance_weight: float = 100.0
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            check = require_non_negative if name == "foot_weight" else require_positive
+            check = require_non_negative if name in {"foot_weight", "balance_weight"} else require_positive
             check(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
 
@@ -156,22 +161,25 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
         changes: fields of :class:`ControllerConfig` that override.
 
     Raises:
-        DescriptionError: the description's tuning names an unknown field.
+        DescriptionError: the description's tuning names an unknown table or field.
         ConfigError: a value is not allowed.
     """
+    if unknown := sorted(set(robot.tuning) - set(TABLES)):
+        raise DescriptionError(robot.file, "tuning", unknown, "among " + ", ".join(TABLES))
     parts: dict[str, Any] = {
         "tasks": _from_table(TaskTuning, robot, "tasks"),
         "safety": _from_table(FilterTuning, robot, "safety"),
         "contact": _from_table(ContactTuning, robot, "contact"),
         "dynwbc": _from_table(DynWbcWeights, robot, "dynwbc"),
     }
-    base = _from_table(ControllerConfig, robot, "controller")
+    base = _from_table(ControllerConfig, robot, "controller", tuple(parts))
     return dataclasses.replace(base, **(parts | changes))
 
 
-def _from_table(kind: type[T], robot: RobotDescription, table: str) -> T:
+def _from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tuple[str, ...] = ()) -> T:
+    """The settings class ``kind`` filled from one table; fields named in ``elsewhere`` have tables of their own."""
     values: Mapping[str, Any] = robot.tuning.get(table, {})
-    known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    known = [f.name for f in dataclasses.fields(kind) if f.name not in elsewhere]  # type: ignore[arg-type]
     if unknown := sorted(set(values) - set(known)):
         raise DescriptionError(robot.file, f"tuning.{table}", unknown, "among " + ", ".join(known))
     return kind(**values)

@@ -52,6 +52,10 @@ class CircleSettings:
     def __post_init__(self) -> None:
         for name in ("radius", "period", "start"):
             require_positive(f"circle {name}", getattr(self, name))
+        for name in ("inward", "upward"):
+            value = getattr(self, name)
+            if value.shape != (3,) or not np.isfinite(value).all():
+                raise ConfigError(f"circle {name}", value.tolist(), "three finite numbers")
         if np.linalg.norm(np.cross(self.inward, self.upward)) < 1e-6:
             raise ConfigError("circle inward, upward", (self.inward, self.upward), "two different directions")
 
@@ -60,14 +64,21 @@ def circle_settings(robot: RobotDescription) -> CircleSettings:
     """The circle of ``[tuning.hand_tracking]`` in the description.
 
     Raises:
-        DescriptionError: the table or one of its fields is missing.
+        DescriptionError: the table or one of its fields is missing, or a direction is no list of numbers.
+        ConfigError: a value is not allowed.
     """
     table = robot.tuning.get("hand_tracking", {})
     fields = ("radius", "inward", "upward", "period")
     if missing := [f for f in fields if f not in table]:
         raise DescriptionError(robot.file, "tuning.hand_tracking: missing", missing, "given: " + ", ".join(fields))
-    inward, upward = (np.array(table[k], dtype=float) for k in ("inward", "upward"))
-    return CircleSettings(float(table["radius"]), inward, upward, float(table["period"]))
+    try:
+        inward, upward = (np.array(table[k], dtype=float) for k in ("inward", "upward"))
+    except (TypeError, ValueError) as error:
+        given = [table[k] for k in ("inward", "upward")]
+        raise DescriptionError(
+            robot.file, "tuning.hand_tracking: inward, upward", given, "three numbers each"
+        ) from error
+    return CircleSettings(table["radius"], inward, upward, table["period"])
 
 
 class HandCircles:

@@ -6,6 +6,7 @@ import numpy as np
 
 from controllers.reference import WholeBodyReference
 from controllers.whole_body import TickResult, WholeBodyController
+from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.messages import MotorCommand, RobotState
 from safety.filters import FilterStatus
@@ -14,13 +15,19 @@ from safety.obstacles import Obstacle
 MAX_FAILURES = 10
 """Ticks in a row without an answer of the filter or of DynWBC after which the supervisor stops the robot."""
 
+LARGEST = 1e6
+"""Positions and velocities beyond this [m, rad, m/s, rad/s] are no measurement: squared, they would overflow."""
+
+QUATERNION_TOLERANCE = 1e-3
+"""By how much the squared length of the base's quaternion may differ from 1."""
+
 
 class Supervisor:
     """Runs the controller's tick and stops for good when something is wrong.
 
-    The stop: no feed-forward torque, no position gains, the motors' velocity gains brake every joint. A state that is
-    not finite stops at once and is never used; a solver without answer may fail ``MAX_FAILURES`` times in a row (its
-    last torques hold meanwhile).
+    The stop: no feed-forward torque, no position gains, the motors' velocity gains brake every joint. A state that
+    cannot be one stops at once and is never used, and a command that is not finite is never sent; a solver without
+    answer may fail ``MAX_FAILURES`` times in a row (its last torques hold meanwhile).
 
     Attributes:
         controller: the controller that is watched.
@@ -46,6 +53,9 @@ class Supervisor:
         if self.cause is not None:
             return self._brake(state.stamp), None
         result = self.controller.tick(state, reference, obstacles)
+        if not all_finite(result.command.q, result.command.v, result.command.tau):
+            self.stop("the controller's command is not finite", state.stamp)
+            return self._brake(state.stamp), result
         self._hold = result.command.q
         failed = result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
         self._failures = self._failures + 1 if failed else 0
@@ -65,15 +75,30 @@ class Supervisor:
 
 
 def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
-    """What is not finite in a measured state, by name; ``None`` where all is well."""
-    base = ("x", "y", "z", "quaternion x", "quaternion y", "quaternion z", "quaternion w")
-    names_q = [f"base {n}" for n in base] + [f"position of {n}" for n in robot.joint_names]
-    rates = [f"{kind} velocity {axis}" for kind in ("linear", "angular") for axis in "xyz"]
-    names_v = [f"base {n}" for n in rates] + [f"velocity of {n}" for n in robot.joint_names]
-    for names, values in ((names_q, state.q), (names_v, state.v)):
-        if len(values) != len(names):
-            return f"measured state has {len(values)} numbers instead of {len(names)}"
-        if not np.isfinite(values).all():
-            i = int(np.argmin(np.isfinite(values)))
-            return f"measured {names[i]} is {values[i]}"
+    """What cannot be in a measured state, by name; ``None`` where all is well.
+
+    Every number has to be finite and below ``LARGEST``, and the base's quaternion of length one.
+    """
+    nj = len(robot.joint_names)
+    for values, size in ((state.q, 7 + nj), (state.v, 6 + nj)):
+        if values.shape != (size,):
+            return f"measured state has {values.size} numbers instead of {size}"
+    for values, names in ((state.q, _names_of_q), (state.v, _names_of_v)):
+        sound = np.abs(values) <= LARGEST
+        if not sound.all():
+            i = int(np.argmin(sound))
+            return f"measured {names(robot)[i]} is {values[i]:g}"
+    length = float(state.q[3:7] @ state.q[3:7])
+    if abs(length - 1) > QUATERNION_TOLERANCE:
+        return f"measured base quaternion has length {length**0.5:g} instead of 1"
     return None
+
+
+def _names_of_q(robot: RobotDescription) -> list[str]:
+    base = ("x", "y", "z", "quaternion x", "quaternion y", "quaternion z", "quaternion w")
+    return [f"base {n}" for n in base] + [f"position of {n}" for n in robot.joint_names]
+
+
+def _names_of_v(robot: RobotDescription) -> list[str]:
+    rates = [f"{kind} velocity {axis}" for kind in ("linear", "angular") for axis in "xyz"]
+    return [f"base {n}" for n in rates] + [f"velocity of {n}" for n in robot.joint_names]

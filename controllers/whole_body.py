@@ -153,10 +153,12 @@ class WholeBodyController:
             self._obstacles.set_obstacles(obstacles)
         rows = self.barriers.evaluate(kin)
         marks.append(self._clock())
-        safety = self.filter.apply(rows, v_des, self._stance_jacobian(levels[0][0], reference.in_contact))
+        feet = self._stance_jacobian(levels[0][0], reference.in_contact)
+        balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
+        safety = self.filter.apply(rows, v_des, feet, balance)
         marks.append(self._clock())
         acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
-        wrench = self._wrench_reference(reference)
+        wrench = self._wrench_reference(reference, acceleration)
         contact_bias = None
         if self.config.dynwbc.contact > 0:
             contact_bias = contact_bias_acceleration(kin, self.dynwbc.frame_ids)
@@ -186,12 +188,14 @@ class WholeBodyController:
         """Rows of the feet's Jacobians (12, nv) that belong to feet on the ground."""
         return feet if in_contact.all() else feet[np.repeat(in_contact, 6)]
 
-    def _wrench_reference(self, reference: WholeBodyReference) -> Array:
-        """Wrenches (12,) that accelerate the CoM back to its reference, at the gains of the CoM task."""
-        kin, com = self.kin, reference.com
-        gains = self._com.gains
-        correction = gains.correction(com.position - kin.com)
-        acceleration = com.acceleration + self.config.dynwbc.kd * (com.velocity + correction - kin.com_velocity)
+    def _wrench_reference(self, reference: WholeBodyReference, command: Array) -> Array:
+        """Wrenches (12,) that give the CoM the acceleration that an acceleration command (nv,) asks of it.
+
+        The command holds the feedback of the CoM task. Taken after the filter, so that the forces do not push the
+        robot back into what the filter has just steered it out of.
+        """
+        kin = self.kin
+        acceleration = kin.com_jacobian @ command
         soles = [kin.frame_placement(i) for i in self.dynwbc.frame_ids]
         centres = np.array([p[:2] for _, p in soles])
         height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])

@@ -35,7 +35,9 @@ def bench(options: BenchOptions) -> int:
     require_between("ticks", options.ticks, 100, 1_000_000)
     require_one_of("filter", options.filter, FILTERS)
     robots = [load_robot(name) for name in options.robots]
-    if options.out is not None and not os.access(options.out.parent, os.W_OK):
+    if not robots:
+        raise ConfigError("robots", options.robots, "at least one robot")
+    if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
         raise ConfigError("out", str(options.out), "a file in a folder that can be written")
     console = Console()
     figures: dict[str, Any] = {}

@@ -12,6 +12,7 @@ from experiments.options import (
     DoctorOptions,
     HandTrackingOptions,
     StandOptions,
+    TableOptions,
 )
 from robots.errors import SafeWbcError
 
@@ -37,6 +38,7 @@ Command = (
     Annotated[DemoOptions, tyro.conf.subcommand("demo")]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
+    | Annotated[TableOptions, tyro.conf.subcommand("table")]
     | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
 )
 
@@ -69,6 +71,10 @@ def dispatch(command: object) -> int:
         from experiments.demo import demo
 
         return demo(command)
+    if isinstance(command, TableOptions):
+        from experiments.table import table
+
+        return table(command)
     assert isinstance(command, Run)
     from experiments.console import run_and_save
 

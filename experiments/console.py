@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from experiments.hand_tracking import run_hand_tracking
+from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import HandTrackingOptions, OutputOptions, RunOptions, StandOptions
 from experiments.results import RunResult, prepare_folder, run_title, save_result
 from experiments.session import check_options, default_folder
@@ -22,6 +22,7 @@ ROWS = (
     ("min_h_self_collision_m", "smallest self-collision barrier", "mm", 1e3),
     ("collision_ratio", "collisions left, of the reference motion's", "%", 1e2),
     ("min_h_joint_limit_rad", "smallest joint-limit barrier", "rad", 1),
+    ("min_h_obstacle_m", "smallest obstacle barrier", "mm", 1e3),
     ("min_h_workspace_m", "smallest workspace barrier", "mm", 1e3),
     ("hand_rmse_m", "hand error, RMS", "mm", 1e3),
     ("hand_rmse_outside_conflict_m", "hand error outside the conflict, RMS", "mm", 1e3),
@@ -39,11 +40,12 @@ ROWS = (
 
 def run_and_save(options: RunOptions) -> int:
     """Run one experiment and write everything; returns the exit code: 0, or 1 where the robot fell or was stopped."""
-    console = Console()
-    robot = check_options(options)
+    console = make_console()
+    robot = check_hand_tracking(options) if isinstance(options, HandTrackingOptions) else check_options(options)
     name = "stand" if isinstance(options, StandOptions) else "hand-tracking"
     folder = output_folder(options.output, name)
-    with progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration) as advance:
+    bars = progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration)
+    with kept_tidy(folder), bars as advance:
         result = run_one(options, advance[0])
     save_result(result, folder)
     console.print(summary_table([result]))
@@ -60,6 +62,11 @@ def run_one(options: RunOptions, advance: Any) -> RunResult:
     return run_stand(options, advance)
 
 
+def make_console() -> Console:
+    """A terminal that shows names and paths as they are: no markup is read from them, no line of text is broken."""
+    return Console(markup=False, soft_wrap=True)
+
+
 def output_folder(options: OutputOptions, name: str) -> Path:
     """The folder of the results, made and proved to be writable before anything runs.
 
@@ -67,14 +74,36 @@ def output_folder(options: OutputOptions, name: str) -> Path:
         ConfigError: it cannot be written.
     """
     stamp = time.strftime("%Y%m%d-%H%M%S")
-    return prepare_folder(options.out if options.out is not None else default_folder(name, stamp))
+    return prepare_folder(options.out if options.out is not None else unused(default_folder(name, stamp)))
+
+
+@contextmanager
+def kept_tidy(folder: Path) -> Iterator[None]:
+    """Around a run: pictures of an earlier one go when it is over; one that is cut short leaves no empty folder."""
+    try:
+        yield
+        for old in ("report.html", "video.mp4"):
+            (folder / old).unlink(missing_ok=True)
+    except BaseException:
+        with suppress(OSError):
+            folder.rmdir()
+        raise
+
+
+def unused(folder: Path) -> Path:
+    """The folder, or where runs began within the same second, the first of ``<folder>-2``, ``<folder>-3``, ..."""
+    free, number = folder, 1
+    while free.exists():
+        number += 1
+        free = folder.with_name(f"{folder.name}-{number}")
+    return free
 
 
 @contextmanager
 def progress(console: Console, titles: Sequence[str], duration: float) -> Iterator[list[Any]]:
     """Progress bars, one per run; yields for each a function of the simulated time [s]."""
     columns = (
-        TextColumn("{task.description:<34}"),
+        TextColumn("{task.description:<34}", markup=False),
         BarColumn(),
         TextColumn("{task.completed:5.1f} of {task.total:g} s simulated"),
         TimeElapsedColumn(),

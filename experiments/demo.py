@@ -1,19 +1,16 @@
 """The demonstration: hand tracking on a robot heavier than its model, without and with the safety filter."""
 
-from rich.console import Console
-
-from experiments.console import output_folder, progress, summary_table, write_media
-from experiments.hand_tracking import run_hand_tracking
+from experiments.console import kept_tidy, make_console, output_folder, progress, summary_table, write_media
+from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import DemoOptions, FilterOptions, HandTrackingOptions, PlantOptions
 from experiments.results import save_result
-from experiments.session import check_options
 
 FILTERS = ("none", "issf")
 
 
 def demo(options: DemoOptions) -> int:
     """Run both, print a table, write the report; returns the exit code: 0 if the filter kept its promise."""
-    console = Console()
+    console = make_console()
     runs = [
         HandTrackingOptions(
             robot=options.robot,
@@ -23,11 +20,12 @@ def demo(options: DemoOptions) -> int:
         )
         for name in FILTERS
     ]
-    robot = check_options(runs[0])
-    folder = output_folder(options.output, "demo")
+    robot = check_hand_tracking(runs[0])
     mass = f"{100 * (options.mass_scale - 1):+.0f} % mass"
     console.print(f"{robot.title}, {mass}: both hands are asked to circle through the robot's own torso.")
-    with progress(console, [f"filter: {name}" for name in FILTERS], options.duration) as advance:
+    folder = output_folder(options.output, "demo")
+    bars = progress(console, [f"filter: {name}" for name in FILTERS], options.duration)
+    with kept_tidy(folder), bars as advance:
         results = [run_hand_tracking(run, a) for run, a in zip(runs, advance, strict=True)]
     for result, name in zip(results, FILTERS, strict=True):
         save_result(result, folder / name)
@@ -35,4 +33,5 @@ def demo(options: DemoOptions) -> int:
     write_media(results, folder, f"Hand tracking: {robot.title}, {mass}", options.output, console)
     console.print(f"results: {folder}")
     safe = results[1].summary
-    return 0 if safe["min_h_self_collision_m"] > 0 and not safe["fell"] else 1
+    smallest = safe["min_h_self_collision_m"]
+    return 0 if (smallest is None or smallest > 0) and not safe["fell"] and not safe["stop_cause"] else 1

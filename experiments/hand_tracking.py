@@ -1,5 +1,6 @@
 """Both hands follow references while the robot stands: section 5.2.1 of Lee et al."""
 
+import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -7,16 +8,17 @@ import numpy as np
 from controllers.motions import HandCircles, HandsToTargets, Motion, circle_settings
 from controllers.reference import WholeBodyReference
 from controllers.whole_body import WholeBodyController
+from experiments.encounter import SensorSettings
 from experiments.options import HandTrackingOptions
 from experiments.results import RunResult
-from experiments.session import run
-from robots.checks import require_one_of
+from experiments.session import check_options, run
+from robots.checks import require_between, require_non_negative, require_one_of
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 
-MOTIONS = ("circles", "beyond-reach")
+MOTIONS = ("circles", "beyond-reach", "hold")
 
 BEYOND = 0.3
 """How far beyond the outstretched arm the targets of ``beyond-reach`` lie [m]."""
@@ -29,11 +31,47 @@ def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], 
     """Track with both hands; see :func:`experiments.session.run`.
 
     Raises:
-        ConfigError: unknown motion.
+        SafeWbcError: an option is not allowed; nothing has run then.
+    """
+    robot = check_hand_tracking(options)
+    make = {"circles": _circles, "beyond-reach": _beyond_reach, "hold": _hold}[options.motion]
+    obstacle = obstacle_settings(options)
+    return run("hand-tracking", options, start_posture(robot), make, reference_motion, progress, obstacle)
+
+
+def check_hand_tracking(options: HandTrackingOptions) -> RobotDescription:
+    """Check every option before anything is made or written; returns the robot.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or the robot's description lacks what hand tracking needs.
     """
     require_one_of("motion", options.motion, MOTIONS)
-    make = _circles if options.motion == "circles" else _beyond_reach
-    return run("hand-tracking", options, "hands_front", make, reference_motion, progress)
+    robot = check_options(options)
+    obstacle_settings(options)
+    robot.posture(start_posture(robot))
+    if options.motion == "circles":
+        circle_settings(robot)
+    return robot
+
+
+def obstacle_settings(options: HandTrackingOptions) -> SensorSettings | None:
+    """How the obstacle is seen; ``None`` where there is none.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    require_between("obstacle_rate", options.obstacle_rate, 1.0, 1000.0)
+    require_between("obstacle_noise", options.obstacle_noise, 0.0, 0.1)
+    lost_at = math.inf
+    if options.obstacle_lost_at is not None:
+        require_non_negative("obstacle_lost_at", options.obstacle_lost_at)
+        lost_at = options.obstacle_lost_at
+    return SensorSettings(options.obstacle_rate, options.obstacle_noise, lost_at) if options.obstacle else None
+
+
+def start_posture(robot: RobotDescription) -> str:
+    """Name of the posture from which the hands start: ``[tuning.hand_tracking]`` may name one."""
+    return str(robot.tuning.get("hand_tracking", {}).get("posture", "hands_front"))
 
 
 def _start(reference: WholeBodyReference) -> tuple[Array, Array]:
@@ -46,10 +84,15 @@ def _circles(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
     return HandCircles(circle_settings(robot), _start(reference))
 
 
+def _hold(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
+    start = _start(reference)
+    return HandsToTargets(start, start, APPROACH)
+
+
 def _beyond_reach(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
     """Targets ahead and outward of the shoulders, ``BEYOND`` further away than an outstretched arm reaches."""
     kin = Kinematics(robot)
-    kin.update(standing_configuration(robot, "hands_front"), np.zeros(kin.nv))
+    kin.update(standing_configuration(robot, start_posture(robot)), np.zeros(kin.nv))
     targets = []
     for side, sign in (("left", 1.0), ("right", -1.0)):
         shoulder = kin.frame_placement(kin.frame_id(robot.roles[f"{side}_shoulder"]))[1]
@@ -84,13 +127,13 @@ def reference_motion(
     """
     kin, dt = controller.kin, controller.config.dt
     cut = slice(controller.barriers.slices["self_collision"].start, controller.barriers.slices["leg_collision"].stop)
-    q = standing_configuration(controller.robot, "hands_front")
+    q = standing_configuration(controller.robot, start_posture(controller.robot))
     out = np.zeros(round(duration / dt))
     rest = np.zeros(kin.nv)
     for i in range(out.size):
         for motion in motions:
             motion.apply(reference, i * dt)
         kin.update(q, rest)
-        out[i] = controller.barriers.evaluate(kin).h[cut].min()
+        out[i] = controller.barriers.evaluate(kin).h[cut].min(initial=np.inf)
         q = kin.integrate(q, controller.desired_velocity(reference), dt)
     return {"h_self_reference": out}

@@ -10,10 +10,13 @@ from controllers.motions import Motion
 from controllers.reference import WholeBodyReference
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
+from experiments.encounter import Encounter
+from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.rotation import rotation_from_quaternion
-from safety.barriers import standard_barriers
+from safety.barriers import ObstacleBarrier, standard_barriers
+from safety.obstacles import Obstacle
 from sims.plant import MujocoPlant
 
 FALL_TILT = np.cos(np.deg2rad(60.0))
@@ -37,15 +40,17 @@ class LoopOutcome:
 class TrueBarriers:
     """Barrier values at the plant's true state, by a model of its own: nothing the controller believes enters."""
 
-    def __init__(self, supervisor: Supervisor) -> None:
-        """For the robot of a controller."""
-        self._kin = Kinematics(supervisor.controller.robot)
-        self._set = standard_barriers(self._kin)
+    def __init__(self, robot: RobotDescription, obstacle_count: int) -> None:
+        self._kin = Kinematics(robot)
+        self._set = standard_barriers(self._kin, obstacle_count)
+        self._obstacles = next((b for b in self._set.barriers if isinstance(b, ObstacleBarrier)), None)
         self.slices = self._set.slices
 
-    def evaluate(self, q: Array) -> Array:
-        """Values (n,) at a true configuration (nq,)."""
+    def evaluate(self, q: Array, obstacles: Sequence[Obstacle] = ()) -> Array:
+        """Values (n,) at a true configuration (nq,) among the true obstacles."""
         self._kin.update_geometry(q)
+        if self._obstacles is not None:
+            self._obstacles.set_obstacles(obstacles)
         return self._set.evaluate(self._kin).h
 
 
@@ -57,6 +62,7 @@ class ClosedLoop:
         supervisor: of the controller.
         reference: references at the start.
         motions: what changes in them, applied before every tick.
+        encounter: an obstacle; the controller must have been made for one.
         nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
         progress: called with the simulated time [s] now and then.
     """
@@ -67,6 +73,7 @@ class ClosedLoop:
         supervisor: Supervisor,
         reference: WholeBodyReference,
         motions: Sequence[Motion] = (),
+        encounter: Encounter | None = None,
         nan_at: float | None = None,
         progress: Callable[[float], None] | None = None,
     ) -> None:
@@ -74,9 +81,10 @@ class ClosedLoop:
         self.supervisor = supervisor
         self.reference = reference
         self.motions = motions
+        self.encounter = encounter
         self.nan_at = nan_at
         self.progress = progress
-        self.truth = TrueBarriers(supervisor)
+        self.truth = TrueBarriers(plant.robot, 0 if encounter is None else 1)
         self.ticks: list[dict[str, Array | float | int]] = []
         self.steps: list[dict[str, Array | float]] = []
         self._start_height = float(plant.true_state().q[2])
@@ -95,6 +103,9 @@ class ClosedLoop:
             for _ in range(substeps):
                 self.plant.step()
                 self._record_step()
+            if self.plant.unstable:
+                self.supervisor.stop("the simulation became unstable: try a smaller physics step", self.plant.time)
+                break
             if fell_at is None and self._fallen():
                 fell_at = self.plant.time
                 end = min(end, t + AFTERMATH)
@@ -109,10 +120,19 @@ class ClosedLoop:
             motion.apply(self.reference, t)
         state = self._measure(t)
         start = time.perf_counter()
-        command, result = self.supervisor.tick(state, self.reference)
+        command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
         elapsed = time.perf_counter() - start
         self.plant.send(command)
         self._record_tick(t, result, elapsed)
+
+    def _believed_obstacles(self, t: float) -> list[Obstacle]:
+        """What the controller is told of obstacles; a track that is too old stops the robot."""
+        if self.encounter is None:
+            return []
+        if fault := self.encounter.sense(t):
+            self.supervisor.stop(fault, t)
+            return []
+        return self.encounter.believed(t)
 
     def _measure(self, t: float) -> RobotState:
         state = self.plant.measured_state()
@@ -145,13 +165,18 @@ class ClosedLoop:
             for name, point in zip(("left_hand", "right_hand"), self.reference.hands, strict=True):
                 row[name] = self.plant.frame_position(self.plant.robot.roles[name])
                 row[f"{name}_ref"] = point.position
+        if self.encounter is not None:
+            sphere = self.encounter.sphere
+            row["obstacle"] = np.append(sphere.position(t), sphere.radius)
         self.ticks.append(row)
 
     def _record_step(self) -> None:
         plant, cut = self.plant, self.truth.slices
-        h = self.truth.evaluate(plant.true_state().q)
+        obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
+        h = self.truth.evaluate(plant.true_state().q, obstacles)
         self.steps.append(
             {
+                "h_obstacle": float(h[cut["obstacle"]].min()) if obstacles else np.inf,
                 "step_time": plant.time,
                 "h_self_collision": h[cut["self_collision"].start : cut["leg_collision"].stop].astype(np.float32),
                 "h_joint_limit": float(h[cut["joint_limit"]].min()),

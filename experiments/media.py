@@ -170,7 +170,8 @@ def _picture(renderer: RobotRenderer, result: RunResult, tick: int, camera: Came
     if len(h_pairs):
         colours = barrier_colours(result.robot, h_pairs[_last_before(series["step_time"], series["time"][tick])])
     targets = [series[name][tick] for name in ("left_hand_ref", "right_hand_ref") if name in series]
-    return renderer.image(series["q"][tick], colours, camera, np.array(targets) if targets else None)
+    obstacles = series["obstacle"][tick : tick + 1] if "obstacle" in series else None
+    return renderer.image(series["q"][tick], colours, camera, np.array(targets) if targets else None, obstacles)
 
 
 def _png(picture: Picture) -> bytes:

@@ -8,7 +8,7 @@ import numpy as np
 from scipy.spatial import ConvexHull
 
 from experiments.loop import LoopOutcome
-from robots.messages import Array
+from robots.messages import Array, Mask
 
 PACKAGES = ("safewbc", "pin", "mujoco", "daqp", "proxsuite", "numpy", "scipy", "numba", "filterpy")
 
@@ -40,7 +40,9 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
     settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration)]
     soles = series["soles"]
     slide = np.linalg.norm(soles[:, :, :2] - soles[0, :, :2], axis=2)
-    status = series["filter_status"]
+    # after a stop no filter runs: those ticks neither failed nor were filtered
+    running: Mask = np.asarray(np.isfinite(series["v_safe"]).all(axis=1))
+    status = np.where(running, series["filter_status"], 0)
     out: dict[str, Any] = {
         "duration_s": outcome.duration,
         "fell": outcome.fell_at is not None,
@@ -48,14 +50,15 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
         "min_h_self_collision_m": _smallest(h_pairs),
         "min_h_joint_limit_rad": _smallest(series["h_joint_limit"]),
         "min_h_workspace_m": _smallest(series["h_workspace"]),
+        "min_h_obstacle_m": _smallest(series["h_obstacle"][np.isfinite(series["h_obstacle"])]),
         "com_rmse_m": float(np.sqrt(np.mean(com_error**2))),
         "com_error_settled_max_m": float(settled.max()),
         "foot_slide_max_m": float(slide.max()),
         "zmp_inside_fraction": float(inside_polygon(series["step_zmp"], series["support_polygon"]).mean()),
         "max_torque_fraction": float(series["torque_fraction"].max()),
-        "qp_failures": int(series["qp_failed"].sum() + (status == 3).sum()),
-        "filtered_fraction": float((status > 0).mean()),
-        "relaxed_fraction": float((status == 2).mean()),
+        "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
+        "filtered_fraction": _share(status > 0, running),
+        "relaxed_fraction": _share(status == 2, running),
         "tick_ms_median": float(np.median(series["tick_ms"])),
         "tick_ms_p99": float(np.percentile(series["tick_ms"], 99)),
     }
@@ -66,9 +69,13 @@ def _smallest(values: Array) -> float | None:
     return float(values.min()) if values.size else None
 
 
+def _share(ticks: Mask, of: Mask) -> float | None:
+    return float(ticks.sum() / of.sum()) if of.any() else None
+
+
 def _hand_figures(series: dict[str, Array]) -> dict[str, Any]:
     if "left_hand_ref" not in series:
-        return {"hand_rmse_m": None}
+        return {"hand_rmse_m": None, "collision_ratio": None}
     squared = sum(np.sum((series[name] - series[f"{name}_ref"]) ** 2, axis=1) for name in ("left_hand", "right_hand"))
     mean = 0.5 * np.asarray(squared)
     out: dict[str, Any] = {"hand_rmse_m": float(np.sqrt(mean.mean()))}
@@ -77,7 +84,7 @@ def _hand_figures(series: dict[str, Array]) -> dict[str, Any]:
         free = reference[:: len(reference) // len(mean)][: len(mean)] >= CONFLICT_MARGIN
         out["hand_rmse_outside_conflict_m"] = float(np.sqrt(mean[free].mean())) if free.any() else None
         touching = float((reference < 0).mean())
-        now = float((series["h_self_collision"].min(axis=1) < 0).mean())
+        now = float((series["h_self_collision"].min(axis=1, initial=np.inf) < 0).mean())
         out["min_h_reference_m"] = float(reference.min())
         out["collision_ratio"] = now / touching if touching > 0 else None
     return out

@@ -12,7 +12,7 @@ class PlantOptions:
     """How the simulated robot differs from the controller's model."""
 
     mass_scale: float = 1.0
-    """Factor on every mass and inertia of the simulated robot [-]; the controller keeps its nominal model."""
+    """Factor on every mass and inertia of the simulated robot; the controller keeps its nominal model [-]."""
     link_mass: dict[str, float] = field(default_factory=dict)
     """Factor on single bodies' masses, by body name, on top of --mass-scale [-]."""
     com_shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -38,9 +38,9 @@ class FilterOptions:
     filter: str = "issf"
     """Safety filter: none, cbf or issf."""
     alpha: float | None = None
-    """Slope of the self-collision condition [1/s]; the robot's own tuning if not given."""
+    """Slope of the self-collision condition; the robot's own tuning if not given [1/s]."""
     epsilon: float | None = None
-    """ISSf parameter of self-collision [m s/rad^2]; smaller is more cautious; the robot's own tuning if not given."""
+    """ISSf parameter of self-collision, smaller is more cautious; the robot's own tuning if not given [m s/rad^2]."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class RunOptions:
     duration: float = 10.0
     """Simulated time [s]."""
     control_rate: float = 500.0
-    """Control frequency [Hz]; its period must be a whole number of physics steps."""
+    """Control frequency; its period must be a whole number of physics steps [Hz]."""
     seed: int = 0
     """Seed of everything random (sensor noise) [-]."""
     nan_at: float | None = None
@@ -86,7 +86,15 @@ class HandTrackingOptions(RunOptions):
     duration: float = 12.0
     """Simulated time [s]."""
     motion: str = "circles"
-    """Hand motion: circles (3D circles through the torso) or beyond-reach (targets 30 cm out of reach)."""
+    """Hand motion: circles (3D circles through the torso), beyond-reach (targets 30 cm out of reach) or hold."""
+    obstacle: bool = False
+    """A sphere of 8 cm radius passes through where the hands are, from left to right at 0.25 m/s."""
+    obstacle_rate: float = 60.0
+    """How often the obstacle's position is measured [Hz]; its velocity comes from a Kalman filter."""
+    obstacle_noise: float = 0.005
+    """Standard deviation of each measured coordinate of the obstacle [m]."""
+    obstacle_lost_at: float | None = None
+    """The obstacle is not seen any more from this time on, to see the controlled stop [s]."""
 
 
 @dataclass(frozen=True)
@@ -118,6 +126,15 @@ class BenchOptions:
     """QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
     """Write the figures as JSON to this file too."""
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """Make every run that the documentation quotes, and print its tables as Markdown. Some minutes on two cores."""
+
+    jobs: int = 2
+    """Runs at a time [-]."""
+    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
 
 
 @dataclass(frozen=True)

@@ -41,9 +41,12 @@ class RunResult:
     [N, N m]; ``v_des`` and ``v_safe`` (T, nv); ``filter_status`` (T,), index into ``FILTER_STATUSES``;
     ``filter_slack`` (T,) [m/s]; ``tick_ms`` (T,) [ms]. Once: ``support_polygon`` (K, 2), convex, in the world [m].
 
+    ``obstacle`` (T, 4), true centre and radius of a sphere [m], only where there is one.
+
     Per plant step (P of them): ``step_time`` (P,) [s]; ``h_self_collision`` (P, n_pairs), in the order of
     ``robot.self_collision_pairs`` [m]; ``h_joint_limit`` (P,), smallest [rad]; ``h_workspace`` (P, n_bounds) [m];
-    ``h_self_reference`` (P,), smallest of the reference motion [m], optional.
+    ``h_self_reference`` (P,), smallest of the reference motion [m], optional; ``h_obstacle`` (P,) [m],
+    infinite without an obstacle.
 
     Attributes:
         robot: the robot that ran.

@@ -12,6 +12,7 @@ from controllers.motions import CenterOfMassShift, Motion
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
+from experiments.encounter import SensorSettings, passing_sphere
 from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
@@ -34,6 +35,9 @@ STANDARD_NOISE = SensorNoise(
     base_angular_velocity=0.01,
 )
 """Sensor noise of ``--noise-scale 1``: encoders and a good state estimate."""
+
+MAX_STEPS = 600_000
+"""Most physics steps of one run; each leaves about 2 kB behind."""
 
 SETTLE = 1.5
 """Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
@@ -98,13 +102,17 @@ def check_options(options: RunOptions) -> RobotDescription:
     Raises:
         SafeWbcError: an option is not allowed.
     """
+    changes = plant_config(options.plant).changes
     require_between("duration", options.duration, 0.1, 3600.0)
+    if options.duration / options.plant.physics_dt > MAX_STEPS:
+        longest = MAX_STEPS * options.plant.physics_dt
+        allowed = f"at most {longest:g} s at a physics step of {options.plant.physics_dt:g} s: all is kept in memory"
+        raise ConfigError("duration", options.duration, allowed)
     require_between("seed", options.seed, 0, 2**63 - 1)
     if options.nan_at is not None:
         require_non_negative("nan_at", options.nan_at)
     robot = load_robot(options.robot)
     control_config(robot, options)
-    changes = plant_config(options.plant).changes
     build_mujoco_spec(robot, changes)
     return robot
 
@@ -116,6 +124,7 @@ def run(
     hands: MakeMotion | None = None,
     extra: Extra | None = None,
     progress: Callable[[float], None] | None = None,
+    obstacle: SensorSettings | None = None,
 ) -> RunResult:
     """Run one experiment from its options.
 
@@ -126,6 +135,7 @@ def run(
         hands: makes the motion of the hands; ``None``: the hands are no task.
         extra: further series, one value per control tick, to compute before the run with a controller of their own.
         progress: called with the simulated time now and then.
+        obstacle: how a passing sphere is seen; ``None``: there is none.
 
     Returns:
         The result, not yet saved.
@@ -138,7 +148,8 @@ def run(
     plant = MujocoPlant(robot, plant_settings, np.random.default_rng(options.seed))
     q0 = standing_configuration(robot, posture)
     plant.reset(q0)
-    supervisor = Supervisor(WholeBodyController(robot, control, with_hands=hands is not None))
+    count = 0 if obstacle is None else 1
+    supervisor = Supervisor(WholeBodyController(robot, control, hands is not None, obstacle_count=count))
     kin = supervisor.controller.kin
     kin.update(q0, np.zeros(kin.nv))
     reference = reference_here(kin, with_hands=hands is not None)
@@ -150,7 +161,10 @@ def run(
         shadow = WholeBodyController(robot, control, with_hands=hands is not None)
         further = extra(shadow, reference, motions, options.duration)
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
-    loop = ClosedLoop(plant, supervisor, reference, motions, options.nan_at, progress)
+    encounter = None
+    if obstacle is not None:
+        encounter = passing_sphere(reference, obstacle, np.random.default_rng([options.seed, 1]))
+    loop = ClosedLoop(plant, supervisor, reference, motions, encounter, options.nan_at, progress)
     outcome = loop.run(options.duration)
     series = loop.series() | {"support_polygon": polygon}
     steps, ticks = len(series["step_time"]), len(series["time"])

@@ -5,10 +5,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from robots.checks import require_one_of
 from robots.description import RobotDescription
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
-from safety.kernels import obstacle_rows, place_segments, self_collision_rows
+from safety.kernels import obstacle_rows, place_segments, self_collision_rows, workspace_rows
 from safety.obstacles import Obstacle
 from safety.rows import FAMILIES, BarrierRows
 
@@ -147,10 +149,12 @@ class ObstacleBarrier(Barrier):
         self.count = count
         self.size = count * self._chosen.size
         self._origin, self._direction, self._velocity, self._spin = (np.zeros((count, 3)) for _ in range(4))
+        # until obstacles are set the rows are not numbers, and the filter stops, rather than avoid the world's origin
+        self._origin[:] = np.nan
         self._obstacle_radius = np.zeros(count)
 
     def set_obstacles(self, obstacles: Sequence[Obstacle]) -> None:
-        """The obstacles of this tick, as many as announced."""
+        """The obstacles of this tick, as many as announced; until the first call the rows are NaN."""
         if len(obstacles) != self.count:
             raise ValueError(f"{len(obstacles)} obstacles given, {self.count} announced")
         for i, o in enumerate(obstacles):
@@ -197,21 +201,24 @@ class WorkspaceBarrier(Barrier):
         """Bounds of the description."""
         bounds = kin.robot.workspace
         self._names = tuple(b.name for b in bounds)
-        self._frames = [(kin.frame_id(b.frame_a), kin.frame_id(b.frame_b)) for b in bounds]
-        self._d_max = [b.d_max for b in bounds]
+        frames = [kin.model.frames[kin.frame_id(name)] for b in bounds for name in (b.frame_a, b.frame_b)]
+        self._joints = np.array([f.parentJoint for f in frames], dtype=np.intp).reshape(-1, 2)
+        self._points = np.array([f.placement.translation for f in frames]).reshape(-1, 2, 3)
+        self._d_max = np.array([b.d_max for b in bounds])
         self.size = len(bounds)
 
     def write(self, kin: Kinematics, h: Array, jac: Array, drift: Array) -> None:
         """See :meth:`Barrier.write`."""
-        for i, (a, b) in enumerate(self._frames):
-            p_a, p_b = kin.frame_placement(a)[1], kin.frame_placement(b)[1]
-            difference = p_a - p_b
-            distance = float(np.sqrt(difference @ difference))
-            h[i] = self._d_max[i] - distance
-            normal = difference / distance if distance > 0 else difference
-            wrench = np.concatenate([normal, _cross(p_a, normal)])
-            side = kin.support[kin.frame_joint(a)] - kin.support[kin.frame_joint(b)]
-            jac[i] = -(wrench @ kin.world_jacobian) * side
+        workspace_rows(
+            kin.joint_transforms,
+            self._joints,
+            self._points,
+            self._d_max,
+            kin.world_jacobian,
+            kin.support,
+            h,
+            jac,
+        )
         drift[:] = 0.0
 
     def labels(self) -> tuple[str, ...]:
@@ -219,27 +226,28 @@ class WorkspaceBarrier(Barrier):
         return self._names
 
 
-def _cross(a: Array, b: Array) -> Array:
-    return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
-
-
 class BarrierSet:
     """All barriers of a controller, evaluated into one block of rows that is made once and reused."""
 
     def __init__(self, kin: Kinematics, bodies: CollisionBodies, barriers: Sequence[Barrier]) -> None:
-        """``bodies`` are placed before the barriers are written."""
+        """``bodies`` are placed before the barriers are written; barriers of one family must follow each other."""
         self.barriers = tuple(barriers)
         self._bodies = bodies
         n = sum(b.size for b in barriers)
         self._h, self._drift = np.zeros(n), np.zeros(n)
         self._jac = np.zeros((n, kin.nv))
+        for b in barriers:
+            require_one_of("barrier family", b.family, FAMILIES)
         self._family = np.concatenate(
             [np.full(b.size, FAMILIES.index(b.family), dtype=np.intp) for b in barriers] or [np.zeros(0, np.intp)]
         )
         self.slices: dict[str, slice] = {}
         start = 0
         for b in barriers:
-            self.slices[b.family] = slice(start, start + b.size)
+            first = self.slices.get(b.family, slice(start, start))
+            if first.stop != start:
+                raise ConfigError("barriers", [b.family for b in barriers], "sorted by family")
+            self.slices[b.family] = slice(first.start, start + b.size)
             start += b.size
         self.size = n
         self.labels = tuple(label for b in barriers for label in b.labels())

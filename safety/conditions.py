@@ -79,5 +79,5 @@ def issf_cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
     base = cbf(rows, parameters)
-    squared = np.einsum("ij,ij->i", rows.jac, rows.jac)
+    squared = np.vecdot(rows.jac, rows.jac)
     return HalfSpaces(base.A, base.b + squared / parameters.epsilons()[rows.family], base.active)

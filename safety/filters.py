@@ -6,6 +6,7 @@ from enum import IntEnum
 import numpy as np
 
 from robots.checks import all_finite, require_non_negative, require_one_of
+from robots.errors import ConfigError
 from robots.messages import Array
 from safety.conditions import BarrierParameters, cbf, issf_cbf
 from safety.rows import BarrierRows, HalfSpaces
@@ -16,6 +17,12 @@ CONDITIONS = {"cbf": cbf, "issf": issf_cbf}
 
 SLACK_ROUNDING = 1e-8
 """Room [m/s, rad/s] given to a row on top of its least slack, so that rounding does not make it infeasible again."""
+
+SLACK_PULL = 1e-8
+"""Weight of the nominal velocity while the least slack is sought: it makes the velocity unique."""
+
+ACTIVE = 1e-6
+"""Conditions with less room than this [m/s, rad/s] count as active."""
 
 
 class FilterStatus(IntEnum):
@@ -40,7 +47,7 @@ class FilterResult:
         status: what was done.
         slack: largest violation of an active condition by ``v`` [m/s or rad/s], recomputed from ``v``; 0 for none.
         worst_row: index of that condition; -1 for none.
-        active: number of conditions that hold with equality (to 1e-6).
+        active: number of conditions at their limit (to ``ACTIVE``) or beyond it.
     """
 
     v: Array
@@ -53,12 +60,13 @@ class FilterResult:
 class SafetyFilter:
     r"""Nearest velocity that satisfies the barrier conditions and the velocity bounds.
 
-    .. math:: \min_v \|v - v^{des}\|^2 + w_f \|J_f (v - v^{des})\|^2
+    .. math:: \min_v \|v - v^{des}\|^2 + w_f \|J_f (v - v^{des})\|^2 + w_b \|J_b (v - v^{des})\|^2
         \quad\text{s.t.}\quad A v \ge b,\; v_{min} \le v \le v_{max}
 
     The first term is eq. (33) of Lee et al. The second keeps the filter from dragging stance feet when a row moves
-    base or legs: J_f stacks the Jacobians of the feet in contact. It is a weight, not an equality, because an
-    equality leaves too little freedom where joint limits and collisions meet in the legs.
+    base or legs: J_f stacks the Jacobians of the feet in contact. The third makes it give way with the arms before it
+    disturbs balance: J_b stacks the Jacobians of the tasks that keep it (CoM, orientation of base and torso). They
+    are weights, not equalities, because equalities leave too little freedom where joint limits and collisions meet.
 
     When no v satisfies the rows, the ladder is: the least sum of squared violations, then the velocity nearest to the
     nominal one among those (as in p-SSA); if that fails too, zero velocity. The nominal velocity is never passed on.
@@ -69,34 +77,48 @@ class SafetyFilter:
         parameters: alpha and epsilon by family.
         v_max: shape (nv,) bounds on the size of each velocity, above 0 [m/s, rad/s].
         foot_weight: w_f, 0 or above.
+        balance_weight: w_b, 0 or above.
 
     Raises:
-        ConfigError: unknown filter or a negative weight.
+        ConfigError: unknown filter, a negative weight, or a bound that is not finite and above 0.
     """
 
     def __init__(
-        self, name: str, n_rows: int, parameters: BarrierParameters, v_max: Array, foot_weight: float = 1e3
+        self,
+        name: str,
+        n_rows: int,
+        parameters: BarrierParameters,
+        v_max: Array,
+        foot_weight: float = 1e3,
+        balance_weight: float = 1e2,
     ) -> None:
         require_one_of("filter", name, FILTERS)
         require_non_negative("foot_weight", foot_weight)
+        require_non_negative("balance_weight", balance_weight)
+        if not (all_finite(v_max) and (v_max > 0).all()):
+            raise ConfigError("v_max", v_max, "finite and above 0 throughout")
         self.name = name
         self.parameters = parameters
         self.foot_weight = foot_weight
+        self.balance_weight = balance_weight
         self._nv = v_max.size
-        self._v_max = v_max
+        self._v_max = np.array(v_max)
         self._identity = np.eye(self._nv)
         self._n_rows = n_rows
         self._solver = make_solver("daqp", self._nv, n_rows)
         self._lower = np.concatenate([-v_max, np.zeros(n_rows)])
         self._upper = np.concatenate([v_max, np.full(n_rows, UNBOUNDED)])
 
-    def apply(self, rows: BarrierRows, v_des: Array, feet: Array | None = None) -> FilterResult:
+    def apply(
+        self, rows: BarrierRows, v_des: Array, feet: Array | None = None, balance: Array | None = None
+    ) -> FilterResult:
         """Filter one velocity.
 
         Args:
             rows: barrier rows at the measured state.
             v_des: shape (nv,) nominal velocity.
             feet: shape (k, nv) Jacobians of the feet in contact, or ``None``.
+            balance: shape (l, nv) Jacobians of the tasks that keep balance, or ``None``.
 
         Returns:
             The result; its arrays are new, the input is not changed. Never raises on bad numbers: a value that is not
@@ -107,11 +129,14 @@ class SafetyFilter:
         if self.name == "none":
             return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
         conditions = CONDITIONS[self.name](rows, self.parameters)
-        if (np.abs(v_des) <= self._v_max).all() and (conditions.A @ v_des >= conditions.b).all():
-            return self._result(v_des.copy(), FilterStatus.UNCHANGED, conditions)
+        if (np.abs(v_des) <= self._v_max).all():
+            result = self._result(v_des.copy(), FilterStatus.UNCHANGED, conditions)
+            if result.slack == 0.0:
+                return result
         hessian = self._identity
-        if feet is not None and self.foot_weight > 0:
-            hessian = hessian + self.foot_weight * (feet.T @ feet)
+        for weight, jacobian in ((self.foot_weight, feet), (self.balance_weight, balance)):
+            if jacobian is not None and weight > 0:
+                hessian = hessian + weight * (jacobian.T @ jacobian)
         v = self._nearest(hessian, v_des, conditions.A, conditions.b)
         if v is not None:
             return self._result(v, FilterStatus.FILTERED, conditions)
@@ -135,9 +160,8 @@ class SafetyFilter:
     def _least_slack(self, v_des: Array, conditions: HalfSpaces) -> Array | None:
         """Slack (n,) of least sum of squares; a faint pull to ``v_des`` makes the velocity unique."""
         n, m = self._nv, self._n_rows
-        pull = 1e-8
-        hessian = np.diag(np.concatenate([np.full(n, pull), np.ones(m)]))
-        gradient = np.concatenate([-pull * v_des, np.zeros(m)])
+        hessian = np.diag(np.concatenate([np.full(n, SLACK_PULL), np.ones(m)]))
+        gradient = np.concatenate([-SLACK_PULL * v_des, np.zeros(m)])
         lower = np.concatenate([-self._v_max, np.zeros(m), conditions.b])
         upper = np.concatenate([self._v_max, np.full(2 * m, UNBOUNDED)])
         rows = np.hstack([conditions.A, np.eye(m)])
@@ -152,4 +176,4 @@ class SafetyFilter:
             return FilterResult(v, status, 0.0, -1, 0)
         worst = int(np.argmin(gap))
         slack = max(0.0, -float(gap[worst]))
-        return FilterResult(v, status, slack, worst if slack > 0 else -1, int((gap < 1e-6).sum()))
+        return FilterResult(v, status, slack, worst if slack > 0 else -1, int(np.count_nonzero(gap < ACTIVE)))

@@ -100,6 +100,27 @@ def _contact(p0: Array, d1: Array, q0: Array, d2: Array, point: Array, normal: A
 
 
 @njit(cache=True)
+def _write_gradient(point: Array, normal: Array, jacobian: Array, side_a: Array, side_b: Array, row: Array) -> None:
+    """Writes ``row`` (nv,): rate along ``normal`` between two bodies at ``point``, for each joint rate.
+
+    A force along the normal n through the closest points is the same wrench [n; p x n] on both bodies, so an entry is
+    (wrench . world Jacobian), counted where exactly one of the two bodies is carried. ``side_a`` and ``side_b`` (nv,)
+    are the bodies' rows of the support mask.
+    """
+    n0, n1, n2 = normal[0], normal[1], normal[2]
+    m0 = point[1] * n2 - point[2] * n1
+    m1 = point[2] * n0 - point[0] * n2
+    m2 = point[0] * n1 - point[1] * n0
+    for k in range(row.size):
+        side = side_a[k] - side_b[k]
+        if side == 0.0:
+            row[k] = 0.0
+        else:
+            linear = n0 * jacobian[0, k] + n1 * jacobian[1, k] + n2 * jacobian[2, k]
+            row[k] = side * (linear + m0 * jacobian[3, k] + m1 * jacobian[4, k] + m2 * jacobian[5, k])
+
+
+@njit(cache=True)
 def self_collision_rows(
     origin: Array,
     direction: Array,
@@ -111,32 +132,13 @@ def self_collision_rows(
     h: Array,
     jac: Array,
 ) -> None:
-    """Distances and gradients of capsule pairs of one robot: writes ``h`` (n,) [m] and ``jac`` (n, nv).
-
-    A force along the normal n through the closest points is the same wrench [n; p x n] on both bodies, so a row is
-    (wrench . world Jacobian), counted where exactly one of the two bodies is carried.
-    """
+    """Distances and gradients of capsule pairs of one robot: writes ``h`` (n,) [m] and ``jac`` (n, nv)."""
     point, normal = np.empty(3), np.empty(3)
     for i in range(pairs.shape[0]):
         a, b = pairs[i, 0], pairs[i, 1]
         distance, _ = _contact(origin[a], direction[a], origin[b], direction[b], point, normal)
         h[i] = distance - (radius[a] + radius[b])
-        mx = point[1] * normal[2] - point[2] * normal[1]
-        my = point[2] * normal[0] - point[0] * normal[2]
-        mz = point[0] * normal[1] - point[1] * normal[0]
-        for k in range(jac.shape[1]):
-            side = support[joints[a], k] - support[joints[b], k]
-            if side == 0.0:
-                jac[i, k] = 0.0
-            else:
-                jac[i, k] = side * (
-                    normal[0] * jacobian[0, k]
-                    + normal[1] * jacobian[1, k]
-                    + normal[2] * jacobian[2, k]
-                    + mx * jacobian[3, k]
-                    + my * jacobian[4, k]
-                    + mz * jacobian[5, k]
-                )
+        _write_gradient(point, normal, jacobian, support[joints[a]], support[joints[b]], jac[i])
 
 
 @njit(cache=True)
@@ -162,6 +164,7 @@ def obstacle_rows(
     velocity [rad/s], world axes. Writes ``h`` (n m,), ``jac`` (n m, nv), ``drift`` (n m,).
     """
     point, normal, arm = np.empty(3), np.empty(3), np.empty(3)
+    world = support[0]
     row = 0
     for a in range(radius.size):
         for o in range(obstacle_radius.size):
@@ -174,16 +177,39 @@ def obstacle_rows(
             vy = obstacle_velocity[o, 1] + spin[2] * arm[0] - spin[0] * arm[2]
             vz = obstacle_velocity[o, 2] + spin[0] * arm[1] - spin[1] * arm[0]
             drift[row] = -(normal[0] * vx + normal[1] * vy + normal[2] * vz)
-            mx = point[1] * normal[2] - point[2] * normal[1]
-            my = point[2] * normal[0] - point[0] * normal[2]
-            mz = point[0] * normal[1] - point[1] * normal[0]
-            for k in range(jac.shape[1]):
-                jac[row, k] = support[joints[a], k] * (
-                    normal[0] * jacobian[0, k]
-                    + normal[1] * jacobian[1, k]
-                    + normal[2] * jacobian[2, k]
-                    + mx * jacobian[3, k]
-                    + my * jacobian[4, k]
-                    + mz * jacobian[5, k]
-                )
+            _write_gradient(point, normal, jacobian, support[joints[a]], world, jac[row])
             row += 1
+
+
+@njit(cache=True)
+def workspace_rows(
+    transforms: Array,
+    joints: Indices,
+    points: Array,
+    d_max: Array,
+    jacobian: Array,
+    support: Array,
+    h: Array,
+    jac: Array,
+) -> None:
+    """Distances of pairs of points below a bound: writes ``h`` (n,) [m] and ``jac`` (n, nv).
+
+    ``transforms`` as in :func:`place_segments`; ``joints`` (n, 2) carry the points, ``points`` (n, 2, 3) are in the
+    joints' frames [m]. Where two points coincide the gradient is zero.
+    """
+    point, normal = np.empty(3), np.empty(3)
+    for i in range(d_max.size):
+        m, w = transforms[joints[i, 0]], transforms[joints[i, 1]]
+        a, b = points[i, 0], points[i, 1]
+        squared = 0.0
+        for k in range(3):
+            point[k] = m[k] * a[0] + m[3 + k] * a[1] + m[6 + k] * a[2] + m[9 + k]
+            # towards B: the barrier grows as the points come closer
+            normal[k] = w[k] * b[0] + w[3 + k] * b[1] + w[6 + k] * b[2] + w[9 + k] - point[k]
+            squared += normal[k] * normal[k]
+        distance = math.sqrt(squared)
+        h[i] = d_max[i] - distance
+        if distance > 0.0:
+            for k in range(3):
+                normal[k] /= distance
+        _write_gradient(point, normal, jacobian, support[joints[i, 0]], support[joints[i, 1]], jac[i])

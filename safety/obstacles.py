@@ -35,6 +35,8 @@ class Obstacle:
             value = getattr(self, name)
             if np.shape(value) != (3,) or not all_finite(np.asarray(value, dtype=float)):
                 raise ConfigError(f"obstacle {name}", value, "three finite numbers")
+            # a copy: the caller's array may go on to another place while this obstacle stays
+            object.__setattr__(self, name, np.array(value, dtype=float))
 
     @staticmethod
     def sphere(center: Array, radius: float, velocity: Array | None = None) -> "Obstacle":
@@ -114,13 +116,17 @@ class ObstacleTrack:
         self._filter.predict(F=_transition(dt), Q=_process_noise(dt, self.settings.acceleration_noise))
         self._time = stamp
 
+    def age(self, stamp: float) -> float:
+        """Time since the last measurement [s]; infinite without one."""
+        return stamp - self._measured_at
+
     def estimate(self, stamp: float) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] predicted to ``stamp``; the track itself is left as it is.
 
         Raises:
             ConfigError: no measurement yet, or the last one is older than ``max_age``.
         """
-        age = stamp - self._measured_at
+        age = self.age(stamp)
         if self._filter is None or not age <= self.settings.max_age:
             raise ConfigError("age of the obstacle track", age, f"at most {self.settings.max_age:g} s")
         x = (_transition(max(stamp - self._time, 0.0)) @ self._filter.x).ravel()

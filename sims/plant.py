@@ -13,6 +13,9 @@ from robots.messages import Array, MotorCommand, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.rotation import rotation_from_quaternion
 
+UNSTABLE_ACCELERATION = 1e7
+"""Acceleration [m/s^2, rad/s^2] from which the simulation counts as numerically unstable."""
+
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
@@ -90,6 +93,9 @@ class MujocoPlant:
         config: mismatch, delay, noise, step.
         rng: source of the sensor noise.
 
+    Attributes:
+        unstable: whether the simulation blew up; it then stays at its last finite state.
+
     Raises:
         ConfigError: ``link_mass_scale`` names a body that does not exist.
     """
@@ -114,6 +120,7 @@ class MujocoPlant:
         self._sole_geoms = [mujoco.mj_name2id(self.model, geom, f"{s.frame}_contact") for s in robot.soles]
         self._sole_sites = [mujoco.mj_name2id(self.model, site, s.frame) for s in robot.soles]
         self.torque = np.zeros(len(robot.joints))
+        self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
 
     @property
@@ -129,6 +136,7 @@ class MujocoPlant:
         self._pending.clear()
         self._command = None
         self._steps = 0
+        self.unstable = False
         self.torque[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
 
@@ -163,7 +171,8 @@ class MujocoPlant:
     def step(self) -> None:
         """Advance by one physics step, the motors evaluating eq. (19) of Lee et al. within their effort limits.
 
-        Before the first command takes effect the torques are zero.
+        Before the first command takes effect the torques are zero. Where the simulation blows up, ``unstable`` is set
+        and nothing moves any more: MuJoCo by itself would go back to its first state, at time zero.
         """
         while self._pending and self._pending[0][0] <= self._steps:
             self._command = self._pending.popleft()[1]
@@ -171,8 +180,11 @@ class MujocoPlant:
             torque = self._command.torque(self.data.qpos[7:], self.data.qvel[6:])
             np.clip(torque, -self.effort, self.effort, out=self.torque)
             self.data.ctrl[:] = self.torque
-        mujoco.mj_step(self.model, self.data)
-        self._steps += 1
+        mujoco.mj_forward(self.model, self.data)
+        self.unstable = self.unstable or not np.abs(self.data.qacc).max() < UNSTABLE_ACCELERATION
+        if not self.unstable:
+            mujoco.mj_implicit(self.model, self.data)
+            self._steps += 1
 
     def contact_wrenches(self) -> Array:
         """Ground wrench on each sole (2, 6): force, then moment about the sole's centre, sole axes [N, N m].
@@ -202,8 +214,10 @@ class MujocoPlant:
         loads = [(np.zeros(3), np.zeros(3)) for _ in self._sole_geoms]
         if count == 0:
             return loads
-        rows = contact.efc_address[:count, None] + np.arange(3)
-        local = np.where(rows >= 0, self.data.efc_force[rows], 0.0)
+        # a contact that only grazes has no force and no rows: its address is -1
+        pressed = np.flatnonzero(contact.efc_address[:count] >= 0)
+        local = np.zeros((count, 3))
+        local[pressed] = self.data.efc_force[contact.efc_address[pressed, None] + np.arange(3)]
         world = np.einsum("nij,ni->nj", contact.frame[:count].reshape(-1, 3, 3), local)
         moment = np.cross(contact.pos[:count], world)
         geoms = contact.geom[:count]
@@ -214,7 +228,7 @@ class MujocoPlant:
         return loads
 
     def sole_corners(self) -> Array:
-        """World positions (2, 4, 3) of the corners of both soles [m]."""
+        """World positions (2, 4, 3) of the corners of both soles at the last physics step [m]."""
         out = np.zeros((2, 4, 3))
         signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
         for i, (sole, site) in enumerate(zip(self.robot.soles, self._sole_sites, strict=True)):
@@ -223,7 +237,7 @@ class MujocoPlant:
         return out
 
     def center_of_mass(self) -> Array:
-        """True centre of mass (3,) in the world [m], with the plant's own masses."""
+        """True centre of mass (3,) in the world at the last physics step [m], with the plant's own masses."""
         return np.array(self.data.subtree_com[1])
 
     def frame_position(self, name: str) -> Array:

@@ -25,6 +25,7 @@ Image = NDArray[np.uint8]
 DEBIAN_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SKELETON_RGBA = (0.63, 0.65, 0.69, 1.0)
 MARKER_RGBA = np.array([0.16, 0.68, 0.38, 1.0], dtype=np.float32)
+OBSTACLE_RGBA = np.array([0.42, 0.2, 0.55, 0.9], dtype=np.float32)
 SHORTEST_BONE = 0.02
 """Joint offsets shorter than this [m] get no bone: it would be hidden in its neighbours."""
 
@@ -150,6 +151,7 @@ class RobotRenderer:
         colours: Array | None = None,
         camera: Camera | None = None,
         markers: Array | None = None,
+        obstacles: Array | None = None,
     ) -> Image:
         """Draw the robot.
 
@@ -159,6 +161,7 @@ class RobotRenderer:
                 ``None`` for the plain blue.
             camera: where from; ``None`` for the front left, following the base.
             markers: shape (n, 3) points in the world that get a small green ball [m].
+            obstacles: shape (n, 4) spheres in the world, centre and radius [m].
 
         Returns:
             Shape (height, width, 3), a new array.
@@ -175,7 +178,9 @@ class RobotRenderer:
         # the endless floor is laid out about the scene's camera, which is the last picture's until it is updated
         mujoco.mjv_updateCamera(self._model, self._data, view, self._scene)
         mujoco.mjv_updateScene(self._model, self._data, self._options, None, view, every, self._scene)
-        self._add_markers(np.empty((0, 3)) if markers is None else markers)
+        points = np.empty((0, 3)) if markers is None else markers
+        self._add_spheres(np.column_stack([points, np.full(len(points), 0.016 * self._height)]), MARKER_RGBA)
+        self._add_spheres(np.empty((0, 4)) if obstacles is None else obstacles, OBSTACLE_RGBA)
         self._gl.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._context)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
@@ -207,13 +212,13 @@ class RobotRenderer:
         camera.lookat[:] = x, y, 0.47 * self._height
         return camera
 
-    def _add_markers(self, points: Array) -> None:
-        if len(points) > (room := self._scene.maxgeom - self._scene.ngeom):
-            raise ConfigError("markers", len(points), f"at most {room} points")
-        size, axes = np.full(3, 0.016 * self._height), np.eye(3).ravel()
-        for point in points:
-            geom = self._scene.geoms[self._scene.ngeom]
-            mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE.value, size, point, axes, MARKER_RGBA)
+    def _add_spheres(self, spheres: Array, rgba: NDArray[np.float32]) -> None:
+        if len(spheres) > (room := self._scene.maxgeom - self._scene.ngeom):
+            raise ConfigError("markers", len(spheres), f"at most {room} points")
+        axes = np.eye(3).ravel()
+        for x, y, z, radius in spheres:
+            geom, size = self._scene.geoms[self._scene.ngeom], np.full(3, radius)
+            mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE.value, size, np.array([x, y, z]), axes, rgba)
             self._scene.ngeom += 1
 
 

@@ -1,0 +1,223 @@
+"""The supervisor: what cannot be a state is named, a stop is latched and damped, single failures are outlived."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controllers.config import controller_config
+from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.supervisor import LARGEST, MAX_FAILURES, Supervisor, describe_fault
+from controllers.whole_body import TickResult, WholeBodyController
+from robots.description import RobotDescription
+from robots.loader import load_robot
+from robots.messages import MotorCommand, RobotState
+from robots.pinocchio_model import standing_configuration
+from safety.filters import FilterStatus
+
+BASE_Q = ["base x", "base y", "base z", *(f"base quaternion {a}" for a in "xyzw")]
+BASE_V = [f"base {kind} velocity {a}" for kind in ("linear", "angular") for a in "xyz"]
+
+
+def at_rest(robot: RobotDescription, stamp: float = 0.0) -> RobotState:
+    nj = len(robot.joints)
+    return RobotState(standing_configuration(robot), np.zeros(6 + nj), np.zeros(nj), stamp)
+
+
+def supervised(robot: RobotDescription) -> tuple[Supervisor, WholeBodyReference]:
+    supervisor = Supervisor(WholeBodyController(robot, controller_config(robot), with_hands=False))
+    supervisor.controller.reset(at_rest(robot))
+    return supervisor, reference_here(supervisor.controller.kin, with_hands=False)
+
+
+def finite(command: MotorCommand) -> bool:
+    return all(np.isfinite(x).all() for x in (command.q, command.v, command.tau, command.kp, command.kd))
+
+
+def with_entry(state: RobotState, part: str, index: int, value: float) -> RobotState:
+    values = getattr(state, part).copy()
+    values[index] = value
+    return replace(state, **{part: values})
+
+
+# --- faults
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e200, -1.1 * LARGEST])
+def test_every_bad_entry_is_named(robot: RobotDescription, value: float) -> None:
+    names_q = [*BASE_Q, *(f"position of {n}" for n in robot.joint_names)]
+    names_v = [*BASE_V, *(f"velocity of {n}" for n in robot.joint_names)]
+    for part, names in (("q", names_q), ("v", names_v)):
+        for i, name in enumerate(names):
+            fault = describe_fault(robot, with_entry(at_rest(robot), part, i, value))
+            assert fault == f"measured {name} is {value:g}"
+
+
+def test_a_sound_state_has_no_fault(robot: RobotDescription) -> None:
+    rng = np.random.default_rng(0)
+    for _ in range(100):
+        state = at_rest(robot)
+        state.q[:3], state.q[7:] = rng.uniform(-100, 100, 3), rng.uniform(-7, 7, len(robot.joints))
+        quaternion = rng.standard_normal(4)
+        state.q[3:7] = quaternion / np.linalg.norm(quaternion)
+        state.v[:] = rng.uniform(-100, 100, state.v.size)
+        assert describe_fault(robot, state) is None
+
+
+@pytest.mark.parametrize("scale", [0.0, 0.9, 1.1])
+def test_a_quaternion_that_is_no_rotation_is_a_fault(robot: RobotDescription, scale: float) -> None:
+    state = at_rest(robot)
+    state.q[3:7] *= scale
+    assert describe_fault(robot, state) == f"measured base quaternion has length {scale:g} instead of 1"
+
+
+def test_a_state_of_another_size_is_a_fault(robot: RobotDescription) -> None:
+    state = at_rest(robot)
+    n = state.q.size
+    short = describe_fault(robot, replace(state, q=state.q[:-1]))
+    long = describe_fault(robot, replace(state, v=np.append(state.v, 0.0)))
+    assert short == f"measured state has {n - 1} numbers instead of {n}"
+    assert long == f"measured state has {n} numbers instead of {n - 1}"
+
+
+# --- stop
+
+
+@pytest.mark.parametrize("first", [True, False])
+def test_a_bad_state_stops_at_once_and_for_good(robot: RobotDescription, first: bool) -> None:
+    """Also as the very first one; sound states afterwards do not start the robot again, and the cause stays."""
+    supervisor, reference = supervised(robot)
+    if not first:
+        _, result = supervisor.tick(at_rest(robot), reference)
+        assert result is not None
+        assert supervisor.cause is None
+    bad = with_entry(at_rest(robot, 0.5), "q", 7, np.nan)
+    worse = with_entry(at_rest(robot, 0.6), "v", 0, np.inf)
+    kd = supervisor.controller.config.gain_scale * robot.joint_array("kd")
+    for state in (bad, worse, at_rest(robot, 0.7)):
+        command, result = supervisor.tick(state, reference)
+        assert result is None
+        assert supervisor.cause == f"measured position of {robot.joint_names[0]} is nan"
+        assert supervisor.stopped_at == 0.5
+        assert command.stamp == state.stamp
+        assert finite(command)
+        np.testing.assert_array_equal(command.kd, kd)
+        for zero in (command.v, command.tau, command.kp):
+            np.testing.assert_array_equal(zero, 0)
+
+
+def test_the_stop_brakes_every_joint(robot: RobotDescription) -> None:
+    """The motors' power is negative whatever the velocity, and no position is asked for."""
+    supervisor, reference = supervised(robot)
+    supervisor.stop("test", 1.0)
+    command, _ = supervisor.tick(at_rest(robot), reference)
+    rng = np.random.default_rng(1)
+    v = rng.standard_normal(len(robot.joints))
+    anywhere = rng.uniform(-3, 3, v.size)
+    power = command.torque(anywhere, v) * v
+    assert (power[command.kd > 0] < 0).all()
+    assert (command.kd > 0).all()
+
+
+def test_the_first_cause_is_kept() -> None:
+    supervisor, _ = supervised(load_robot("g1"))
+    supervisor.stop("first", 1.0)
+    supervisor.stop("second", 2.0)
+    assert (supervisor.cause, supervisor.stopped_at) == ("first", 1.0)
+
+
+# --- solvers without answer
+
+
+class Scripted:
+    """Stands in for the controller: a sound result whose statuses follow a script."""
+
+    def __init__(self, supervisor: Supervisor, sound: TickResult, failing: Iterable[bool], part: str) -> None:
+        self.robot = supervisor.controller.robot
+        self.config = supervisor.controller.config
+        self._sound, self._failing, self._part = sound, iter(failing), part
+
+    def tick(self, *_: Any) -> TickResult:
+        if not next(self._failing):
+            return self._sound
+        if self._part == "safety":
+            return replace(self._sound, safety=replace(self._sound.safety, status=FilterStatus.FAILED))
+        return replace(self._sound, dynwbc=replace(self._sound.dynwbc, status=self._part))
+
+
+def scripted(failing: Iterable[bool], part: str) -> tuple[Supervisor, RobotState, WholeBodyReference]:
+    supervisor, reference = supervised(load_robot("g1"))
+    state = at_rest(load_robot("g1"))
+    sound = supervisor.controller.tick(state, reference)
+    supervisor.controller = Scripted(supervisor, sound, failing, part)  # type: ignore[assignment]
+    return supervisor, state, reference
+
+
+PARTS = pytest.mark.parametrize("part", ["safety", "infeasible", "failed"])
+
+
+@PARTS
+def test_failures_in_a_row_stop_the_robot(part: str) -> None:
+    supervisor, state, reference = scripted([True] * MAX_FAILURES, part)
+    for _ in range(MAX_FAILURES - 1):
+        supervisor.tick(state, reference)
+        assert supervisor.cause is None
+    supervisor.tick(state, reference)
+    assert supervisor.cause is not None
+    assert f"no solution for {MAX_FAILURES} ticks" in supervisor.cause
+    assert part in supervisor.cause or part == "safety"
+    command, result = supervisor.tick(state, reference)
+    assert result is None
+    np.testing.assert_array_equal(command.tau, 0)
+
+
+@PARTS
+def test_failures_with_answers_between_them_do_not(part: str) -> None:
+    script = ([True] * (MAX_FAILURES - 1) + [False]) * 5
+    supervisor, state, reference = scripted(script, part)
+    for _ in script:
+        _, result = supervisor.tick(state, reference)
+        assert result is not None
+    assert supervisor.cause is None
+
+
+def test_a_single_failure_does_not_stop_the_robot() -> None:
+    supervisor, state, reference = scripted([True, False, False], "failed")
+    for _ in range(3):
+        supervisor.tick(state, reference)
+    assert supervisor.cause is None
+
+
+def test_a_command_that_is_not_finite_is_never_sent() -> None:
+    supervisor, state, reference = scripted([False], "failed")
+    sound = supervisor.controller._sound  # type: ignore[attr-defined]
+    broken = replace(sound.command, tau=sound.command.tau * np.nan)
+    supervisor.controller._sound = replace(sound, command=broken)  # type: ignore[attr-defined]
+    command, _ = supervisor.tick(state, reference)
+    assert finite(command)
+    assert supervisor.cause == "the controller's command is not finite"
+
+
+def test_a_reference_that_is_not_finite_ends_in_a_stop_and_never_in_a_bad_command(robot: RobotDescription) -> None:
+    """No solver accepts it: the filter answers with zero velocity, DynWBC with its last torques, then all stops."""
+    supervisor, reference = supervised(robot)
+    supervisor.tick(at_rest(robot), reference)
+    reference.com = PointReference(np.full(3, np.nan))
+    for _ in range(MAX_FAILURES + 1):
+        command, _ = supervisor.tick(at_rest(robot), reference)
+        assert finite(command)
+    assert supervisor.cause is not None
+
+
+def test_extreme_but_finite_states_give_finite_commands(robot: RobotDescription) -> None:
+    rng = np.random.default_rng(2)
+    for exponent in range(1, 7):
+        supervisor, reference = supervised(robot)
+        state = at_rest(robot)
+        size = 0.99 * 10.0**exponent
+        state.q[7:] = size * rng.uniform(-1, 1, len(robot.joints))
+        state.v[:] = size * rng.uniform(-1, 1, state.v.size)
+        command, _ = supervisor.tick(state, reference)
+        assert finite(command)

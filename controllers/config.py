@@ -82,7 +82,7 @@ class FilterTuning:
     workspace_alpha: float = 5.0
     workspace_epsilon: float = 5.0
     foot_weight: float = 1000.0
-    balance_weight: float = 100.0
+    balance_weight: float = 1000.0
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0

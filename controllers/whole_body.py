@@ -85,7 +85,9 @@ class WholeBodyController:
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
-        self.filter = SafetyFilter(config.filter, self.barriers.size, safety.parameters(), v_max, safety.foot_weight)
+        self.filter = SafetyFilter(
+            config.filter, self.barriers.size, safety.parameters(), v_max, safety.foot_weight, safety.balance_weight
+        )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])

@@ -16,6 +16,7 @@ from controllers.motions import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.whole_body import STAGES, WholeBodyController
 from experiments.options import BenchOptions
+from experiments.warmup import warm_up
 from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -44,6 +45,7 @@ def bench(options: BenchOptions) -> int:
     table = Table(title=f"one tick in microseconds over {options.ticks} ticks, filter {options.filter}")
     table.add_column("stage")
     for robot in robots:
+        warm_up(console, robot)
         table.add_column(f"{robot.name} median", justify="right")
         table.add_column("p99", justify="right")
         with console.status(f"{robot.title}: recording a run, then replaying it"):

@@ -15,6 +15,7 @@ from experiments.options import HandTrackingOptions, OutputOptions, RunOptions, 
 from experiments.results import RunResult, prepare_folder, run_title, save_result
 from experiments.session import check_options, default_folder
 from experiments.stand import run_stand
+from experiments.warmup import warm_up
 
 ROWS = (
     ("fell", "fell", "", 1),
@@ -43,9 +44,9 @@ def run_and_save(options: RunOptions) -> int:
     console = make_console()
     robot = check_hand_tracking(options) if isinstance(options, HandTrackingOptions) else check_options(options)
     name = "stand" if isinstance(options, StandOptions) else "hand-tracking"
-    folder = output_folder(options.output, name)
+    warm_up(console, robot)
     bars = progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration)
-    with kept_tidy(folder), bars as advance:
+    with results_folder(options.output, name) as folder, bars as advance:
         result = run_one(options, advance[0])
     save_result(result, folder)
     console.print(summary_table([result]))
@@ -73,21 +74,32 @@ def output_folder(options: OutputOptions, name: str) -> Path:
     Raises:
         ConfigError: it cannot be written.
     """
-    stamp = time.strftime("%Y%m%d-%H%M%S")
-    return prepare_folder(options.out if options.out is not None else unused(default_folder(name, stamp)))
+    return prepare_folder(chosen_folder(options, name))
+
+
+def chosen_folder(options: OutputOptions, name: str) -> Path:
+    """The folder that was asked for, or a new one below ``runs``; nothing is made."""
+    return options.out if options.out is not None else unused(default_folder(name, time.strftime("%Y%m%d-%H%M%S")))
 
 
 @contextmanager
-def kept_tidy(folder: Path) -> Iterator[None]:
-    """Around a run: pictures of an earlier one go when it is over; one that is cut short leaves no empty folder."""
+def results_folder(options: OutputOptions, name: str) -> Iterator[Path]:
+    """As :func:`output_folder`, around a run.
+
+    When the run is over, the pictures of an earlier one in the same folder go. When it is cut short, a folder that was
+    made for it goes if it is empty.
+    """
+    folder = chosen_folder(options, name)
+    existed = folder.exists()
     try:
-        yield
-        for old in ("report.html", "video.mp4"):
-            (folder / old).unlink(missing_ok=True)
+        yield prepare_folder(folder)
     except BaseException:
-        with suppress(OSError):
-            folder.rmdir()
+        if not existed:
+            with suppress(OSError):
+                folder.rmdir()
         raise
+    for old in ("report.html", "video.mp4"):
+        (folder / old).unlink(missing_ok=True)
 
 
 def unused(folder: Path) -> Path:

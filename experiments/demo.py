@@ -1,9 +1,10 @@
 """The demonstration: hand tracking on a robot heavier than its model, without and with the safety filter."""
 
-from experiments.console import kept_tidy, make_console, output_folder, progress, summary_table, write_media
+from experiments.console import make_console, progress, results_folder, summary_table, write_media
 from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import DemoOptions, FilterOptions, HandTrackingOptions, PlantOptions
 from experiments.results import save_result
+from experiments.warmup import warm_up
 
 FILTERS = ("none", "issf")
 
@@ -23,9 +24,9 @@ def demo(options: DemoOptions) -> int:
     robot = check_hand_tracking(runs[0])
     mass = f"{100 * (options.mass_scale - 1):+.0f} % mass"
     console.print(f"{robot.title}, {mass}: both hands are asked to circle through the robot's own torso.")
-    folder = output_folder(options.output, "demo")
+    warm_up(console, robot)
     bars = progress(console, [f"filter: {name}" for name in FILTERS], options.duration)
-    with kept_tidy(folder), bars as advance:
+    with results_folder(options.output, "demo") as folder, bars as advance:
         results = [run_hand_tracking(run, a) for run, a in zip(runs, advance, strict=True)]
     for result, name in zip(results, FILTERS, strict=True):
         save_result(result, folder / name)

@@ -90,7 +90,7 @@ class HandTrackingOptions(RunOptions):
     obstacle: bool = False
     """A sphere of 8 cm radius passes through where the hands are, from left to right at 0.25 m/s."""
     obstacle_rate: float = 60.0
-    """How often the obstacle's position is measured [Hz]; its velocity comes from a Kalman filter."""
+    """How often the obstacle's position is measured; its velocity comes from a Kalman filter [Hz]."""
     obstacle_noise: float = 0.005
     """Standard deviation of each measured coordinate of the obstacle [m]."""
     obstacle_lost_at: float | None = None

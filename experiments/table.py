@@ -19,7 +19,9 @@ from experiments.options import (
     TableOptions,
 )
 from experiments.results import RunResult, save_result
+from experiments.warmup import warm_up
 from robots.checks import require_between
+from robots.loader import load_robot
 
 ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (0.9, 1.0, 1.2)
@@ -58,6 +60,8 @@ def table(options: TableOptions) -> int:
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True)
     folder = output_folder(options.output, "table")
+    # once, here: otherwise every process would compile the same kernels
+    warm_up(console, load_robot("g1"))
     groups = runs()
     tasks = [(title, run) for title, (group, _) in groups.items() for run in group]
     done: dict[str, list[RunResult]] = {title: [] for title in groups}

@@ -90,7 +90,7 @@ class SafetyFilter:
         parameters: BarrierParameters,
         v_max: Array,
         foot_weight: float = 1e3,
-        balance_weight: float = 1e2,
+        balance_weight: float = 1e3,
     ) -> None:
         require_one_of("filter", name, FILTERS)
         require_non_negative("foot_weight", foot_weight)

@@ -56,7 +56,7 @@ class TrackerSettings:
     """
 
     position_noise: float = 0.005
-    acceleration_noise: float = 1.0
+    acceleration_noise: float = 0.3
     initial_speed: float = 1.0
     max_age: float = 0.2
 

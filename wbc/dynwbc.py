@@ -71,7 +71,7 @@ class DynWbcProblem:
     Attributes:
         hessian: shape (nx, nx).
         gradient: shape (nx,).
-        rows: shape (16 n + nj, nx): wrench cones, then torques.
+        rows: shape (16 n + nj, nx): wrench cones, then torques; the controller's own, until the next problem.
         lower: shape (nx + 16 n + nj,).
         upper: shape (nx + 16 n + nj,).
         base: (6, nx) map and (6,) offset from x to the base's acceleration.

@@ -21,7 +21,9 @@ def smallest_block_bound(inverse: Array, sizes: Indices) -> float:
         for i in range(start, start + size):
             for j in range(i, start + size):
                 total += inverse[i, j] * inverse[i, j]
-        worst = min(worst, 1.0 / math.sqrt(total)) if total > 0.0 else worst
+        if size > 0:
+            # not a number where the inverse overflowed: then nothing is certain
+            worst = min(worst, 1.0 / math.sqrt(total)) if total > 0.0 else 0.0
         start += size
     return worst
 

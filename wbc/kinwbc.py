@@ -21,9 +21,11 @@ def prioritised_velocity(levels: Sequence[Level], nv: int, sigma_min: float) -> 
     .. math:: \dot q_i = \dot q_{i-1} + J_{i|pre}^\dagger (\dot x_i - J_i \dot q_{i-1}),\quad
         J_{i|pre} = J_i N_{i-1}
 
-    The pseudo-inverse sets singular values below ``sigma_min`` to zero. The recursion runs on an orthonormal basis Z
-    of the null space (N = Z Z^T), so that each level decomposes a smaller matrix J_i Z. Where triangular factors prove
-    that no singular value is below the cut, one QR of all levels replaces the SVDs; the two then agree to rounding.
+    The pseudo-inverse sets singular values below ``sigma_min`` to zero; a direction that is cut stays free for the
+    levels below, which can then move the task along it by less than ``sigma_min`` times their own step. The recursion
+    runs on an orthonormal basis Z of the null space (N = Z Z^T), so that each level decomposes a smaller matrix J_i Z.
+    Where triangular factors prove that no singular value is below the cut, one QR of all levels replaces the SVDs; the
+    two then agree to rounding.
 
     Source: Lee et al., "Safety-Critical Whole-Body Control for Humanoid Robots via ISSf-CBFs", eq. (13).
 
@@ -126,7 +128,7 @@ class KinWbc:
     def __init__(self, nv: int, levels: Sequence[Sequence[Task]], sigma_min: float = 0.03) -> None:
         require_positive("sigma_min", sigma_min)
         self.nv = nv
-        self.levels = tuple(tuple(level) for level in levels)
+        self.levels = tuple(tuple(level) for level in levels if level)
         self.sigma_min = sigma_min
 
     def evaluate(self, kin: Kinematics) -> list[Level]:

@@ -49,7 +49,7 @@ class QpSolver(Protocol):
             hessian: H, shape (n, n), symmetric positive definite.
             gradient: g, shape (n,).
             rows: A, shape (m, n).
-            lower: shape (n + m,), bounds of x, then of A x; ``-UNBOUNDED`` for none.
+            lower: shape (n + m,), bounds of x, then of A x; ``-UNBOUNDED`` for none (infinity is refused).
             upper: shape (n + m,), likewise.
 
         Returns:
@@ -85,13 +85,14 @@ class DaqpSolver:
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
-        if not _well_posed(gradient, rows, lower, upper):
+        if not _well_posed(hessian, gradient, rows, lower, upper):
             return self._unsolved("failed")
         if (lower > upper).any():
             return self._unsolved("infeasible")
-        if not self._load(hessian, gradient, rows if self.m else self._no_rows, lower, upper):
+        flag = self._load(hessian, gradient, rows if self.m else self._no_rows, lower, upper)
+        if flag < 0:
             self._model = None
-            return self._unsolved("failed")
+            return self._unsolved("infeasible" if flag == -1 else "failed")
         assert self._model is not None
         x, _, flag, info = self._model.solve()
         status: QpStatus = "optimal" if flag == 1 else "infeasible" if flag == -1 else "failed"
@@ -100,14 +101,14 @@ class DaqpSolver:
             self._model = None
         return QpSolution(np.array(x), np.array(info["lam"]), status, int(info["iterations"]))
 
-    def _load(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
+    def _load(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> int:
         if self._model is None:
             self._model = daqp.Model()
             flag, _ = self._model.setup(hessian, gradient, rows, upper, lower)
             self._model.settings = {"primal_tol": FEASIBILITY_TOLERANCE, "iter_limit": 2000}
         else:
             flag = self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower)
-        return int(flag) >= 0
+        return int(flag)
 
     def _unsolved(self, status: QpStatus) -> QpSolution:
         return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
@@ -121,16 +122,21 @@ class ProxqpSolver:
         self.n = n
         self.m = m
         self._qp = proxsuite.proxqp.dense.QP(n, 0, m, True)
-        self._qp.settings.eps_abs = FEASIBILITY_TOLERANCE
-        self._qp.settings.eps_rel = 0.0
-        self._qp.settings.max_iter = 500
-        self._qp.settings.max_iter_in = 500
-        self._qp.settings.initial_guess = proxsuite.proxqp.InitialGuess.WARM_START_WITH_PREVIOUS_RESULT
+        settings = self._qp.settings
+        settings.eps_abs = 0.1 * FEASIBILITY_TOLERANCE
+        settings.eps_rel = 0.0
+        settings.check_duality_gap = True
+        settings.eps_duality_gap_abs = 10 * FEASIBILITY_TOLERANCE
+        settings.eps_duality_gap_rel = 0.0
+        settings.eps_primal_inf = settings.eps_dual_inf = 1e-10
+        settings.max_iter = 500
+        settings.max_iter_in = 500
+        settings.initial_guess = proxsuite.proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
         self._loaded = False
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
-        if not _well_posed(gradient, rows, lower, upper):
+        if not _well_posed(hessian, gradient, rows, lower, upper):
             return self._unsolved("failed")
         if (lower > upper).any():
             return self._unsolved("infeasible")
@@ -145,15 +151,16 @@ class ProxqpSolver:
         status: QpStatus = "optimal" if solved else "infeasible" if infeasible else "failed"
         # ProxQP stacks the multipliers of the rows before those of the box
         multipliers = np.concatenate([results.z[self.m :], results.z[: self.m]])
+        multipliers[(multipliers > 0) & (upper >= UNBOUNDED) | (multipliers < 0) & (lower <= -UNBOUNDED)] = 0.0
         return QpSolution(np.array(results.x), multipliers, status, int(results.info.iter))
 
     def _unsolved(self, status: QpStatus) -> QpSolution:
         return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
 
 
-def _well_posed(gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
+def _well_posed(hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
     """No NaN anywhere; only ``lower`` and ``upper`` may be huge."""
-    total = gradient.sum() + rows.sum() + lower.sum() + upper.sum()
+    total = hessian.sum() + gradient.sum() + rows.sum() + lower.sum() + upper.sum()
     return bool(np.isfinite(total))
 
 

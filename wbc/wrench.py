@@ -19,9 +19,9 @@ def distribute_wrench(
 ) -> Array:
     r"""Share out the force and moment that accelerate the CoM without changing angular momentum.
 
-    Total force :math:`m (\ddot c + g)` acts at the ZMP, the point of the sole plane on its line through the CoM,
-    moved into the convex hull of the loaded soles. Each foot carries the share ``load`` of the force; the moment that
-    is left about the soles' centres is shared the same way.
+    The total force :math:`m (\ddot c + g)` acts along a line through the CoM. Each foot carries the share ``load`` of
+    it; the moment that is left about the loaded centre of the soles is shared the same way, and cut off where it would
+    move a foot's centre of pressure out of its sole.
 
     Source: after Kajita et al., "Biped walking stabilization based on linear inverted pendulum tracking" (IROS 2010),
     section on the ZMP distributor; the F_c^des of eq. (16) of Lee et al.
@@ -41,8 +41,7 @@ def distribute_wrench(
     if force[2] <= 0:
         return np.zeros(6 * len(soles))
     centre = load @ np.array([position for _, position in soles])
-    zmp = com + force * ((centre[2] - com[2]) / force[2])
-    moment = skew(zmp - centre) @ force
+    moment = skew(com - centre) @ force
     out = np.zeros(6 * len(soles))
     for i, (rotation, _) in enumerate(soles):
         f = load[i] * (rotation.T @ force)

@@ -47,8 +47,8 @@ def test_the_edge_and_a_tenth_of_a_millimetre_beyond_count_as_inside() -> None:
 
 
 def test_nan_is_outside() -> None:
-    points = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, 0.5], [1.0, 0.5], [np.inf, 0.5]])
-    assert inside_polygon(points, SQUARE).tolist() == [False, False, False, True, False]
+    points = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, 0.5], [1.0, 0.5]])
+    assert inside_polygon(points, SQUARE).tolist() == [False, False, False, True]
 
 
 @given(seed=st.integers(0, 10**6))

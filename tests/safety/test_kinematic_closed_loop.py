@@ -9,7 +9,7 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import BarrierSet, ObstacleBarrier, standard_barriers
+from safety.barriers import ObstacleBarrier, standard_barriers
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
@@ -119,7 +119,7 @@ def test_cbf_keeps_every_row_and_lets_none_decay_faster_than_alpha(robot: RobotD
     decay = (1 - ALPHA * DT) ** np.arange(len(course.h))[:, None]
     assert (course.h[0] > 0).all()
     assert (course.h >= course.h[0] * decay - room).all()
-    assert (course.h >= -1e-4).all()
+    assert (course.h >= -1e-5).all()
     # the push reaches its goal: a row of the family ends close to its limit
     cut = Loop(robot, family, "cbf").barriers.slices[family]
     assert (course.h[-1, cut] / course.h[0, cut]).min() < 0.2
@@ -127,7 +127,7 @@ def test_cbf_keeps_every_row_and_lets_none_decay_faster_than_alpha(robot: RobotD
 
 def test_without_a_filter_the_push_violates(robot: RobotDescription, family: str) -> None:
     course = Loop(robot, family, "none").run(1.2)
-    assert course.h[-1, course.row] < -0.01
+    assert course.h[:, course.row].min() < -0.01
 
 
 def test_issf_comes_to_rest_at_its_margin(robot: RobotDescription, family: str) -> None:
@@ -136,15 +136,15 @@ def test_issf_comes_to_rest_at_its_margin(robot: RobotDescription, family: str) 
     rows = loop.barriers.evaluate(loop.kin)
     margin = np.einsum("ij,ij->i", rows.jac, rows.jac) / (ALPHA * EPSILON)
     spare = (rows.h - margin)[loop.barriers.slices[family]]
-    assert spare.min() == pytest.approx(0.0, abs=2e-4)
+    assert spare.min() == pytest.approx(0.0, abs=5e-5)
     # what starts inside its margin does not lose more of it, the rest never enters it
-    assert (rows.h >= np.minimum(margin, course.h[0]) - 2e-4).all()
+    assert (rows.h >= np.minimum(margin, course.h[0]) - 5e-5).all()
     assert (course.h >= 0).all()
 
 
 @pytest.mark.parametrize("adversarial", [True, False])
 def test_issf_keeps_the_enlarged_set_under_disturbance(robot: RobotDescription, family: str, adversarial: bool) -> None:
-    r"""hdot >= -alpha h + |J|^2/eps - |J||d| >= -alpha h - eps |d|^2/4, whatever J: h stays above -eps |d|^2/(4 alpha)."""
+    """Whatever J: hdot >= -alpha h + |J|^2/eps - |J||d| >= -alpha h - eps |d|^2/4, so h >= -eps |d|^2/(4 alpha)."""
     loop = Loop(robot, family, "issf")
     for size in (0.1, 1.0):
         course = loop.run(0.8, Disturbance(size, adversarial))
@@ -155,7 +155,7 @@ def test_issf_keeps_the_enlarged_set_under_disturbance(robot: RobotDescription, 
 def test_the_worst_disturbance_costs_what_the_theory_says_and_cbf_has_no_bound_of_that_kind(
     robot: RobotDescription,
 ) -> None:
-    """Joint limits have |J| = 1: at rest alpha h = 1/eps - |d| with ISSf, -|d| with CBF; exact, and the bound is met."""
+    """Joint limits have |J| = 1: at rest alpha h = 1/eps - |d| with ISSf, -|d| with CBF; the bound is met exactly."""
     size = 2 / EPSILON
     rest = {}
     for name in ("cbf", "issf"):
@@ -191,5 +191,5 @@ def test_a_smaller_step_comes_closer_to_the_continuous_promise(robot: RobotDescr
     rooms = []
     for dt in (8e-3, 2e-3):
         course = Loop(robot, family, "cbf").run(0.6, dt=dt)
-        rooms.append((room_of(course, dt)).max())
+        rooms.append(room_of(course, dt).max())
     assert rooms[1] <= rooms[0] / 3 + 2e-9

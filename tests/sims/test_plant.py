@@ -419,18 +419,17 @@ def test_zmp_is_where_the_ground_load_has_no_tipping_moment(robot: RobotDescript
     assert plant.data.ncon > 0
 
 
-def test_a_sole_that_only_grazes_the_ground_has_no_load(robot: RobotDescription) -> None:
-    """Exactly at the surface a contact is listed, but has no force; without dry friction there is no force at all."""
+def test_contacts_that_carry_nothing_have_no_load(robot: RobotDescription) -> None:
+    """MuJoCo lists contacts within a gap without force; here nothing else has a force either."""
     plant = make_plant(robot, changes=PhysicalChanges(joint_friction_scale=0.0))
+    plant.model.geom_gap[:] = 0.01
     q = standing_configuration(robot)
-    q[2] -= plant.sole_corners()[:, :, 2].min()
-    for lift in np.linspace(-1e-15, 1e-15, 41):
-        plant.reset(q + lift * np.eye(q.size)[2])
-        wrenches = plant.contact_wrenches()
-        excluded = plant.data.contact.efc_address < 0
-        assert np.isfinite(wrenches).all()
-        if excluded.all():
-            np.testing.assert_array_equal(wrenches, 0)
+    q[2] += 0.005
+    plant.reset(q)
+    assert plant.data.ncon > 0
+    assert (plant.data.contact.efc_address < 0).all()
+    np.testing.assert_array_equal(plant.contact_wrenches(), 0)
+    assert np.isnan(plant.zero_moment_point()).all()
 
 
 # --- refusals

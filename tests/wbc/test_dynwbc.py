@@ -160,14 +160,14 @@ def test_torques_stay_at_the_previous_ones_as_their_weight_grows(kin: Kinematics
     previous = 0.5 * effort * rng.uniform(-1.0, 1.0, effort.size)
     command = rng.normal(size=kin.nv)
     away = []
-    for weight in (1e1, 1e3, 1e5):
+    for weight in (1e6, 1e8):  # beside 1 / inertia^2 of the smallest joint, where accelerations weigh 1
         dynwbc = controller(kin, DynWbcWeights(torque_rate=weight))
         dynwbc.reset(previous)
         result = dynwbc.solve(dynwbc.build(kin, command, weight_on_both(kin), BOTH))
         assert result.status == "optimal"
         away.append(np.linalg.norm(result.torque - previous))
-    assert away[1] < 0.05 * away[0]
-    assert away[2] < 0.02 * away[1]
+    assert away[1] < 0.02 * away[0]
+    assert away[1] < 1e-4 * np.linalg.norm(previous)
 
 
 def test_a_command_within_reach_is_followed_exactly(kin: Kinematics) -> None:

@@ -14,7 +14,15 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from wbc.kinwbc import KinWbc, Level, prioritised_velocity
-from wbc.tasks import CenterOfMassTask, FrameOrientationTask, FramePoseTask, FramePositionTask, PostureTask, TaskGains
+from wbc.tasks import (
+    CenterOfMassTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+    TaskGains,
+)
 
 CUT = 0.03
 EXACT = 1e-9
@@ -201,7 +209,8 @@ def test_velocities_are_bounded_by_residuals_over_the_cut(seed: int, shapes: lis
     """Whatever the singular values are: ||v|| <= sum of ||command_i - J_i v_(i-1)|| / sigma_min."""
     rng = np.random.default_rng(seed)
     nv = 15
-    levels, bound = [], 0.0
+    levels: list[Level] = []
+    bound = 0.0
     for m, exponent in shapes:
         sigma = 10.0 ** rng.uniform(min(exponent, 0.0), 1.0, m)
         before = prioritised_velocity(levels, nv, CUT)
@@ -306,7 +315,7 @@ def stack(kin: Kinematics, sigma_min: float = CUT) -> KinWbc:
     """The whole-body stack: feet, centre of mass, base and torso orientation, hands, posture."""
     gains, roles = TaskGains(8.0), kin.robot.roles
     frame = {role: kin.frame_id(name) for role, name in roles.items()}
-    levels = [
+    levels: list[list[Task]] = [
         [FramePoseTask(frame["left_sole"], gains), FramePoseTask(frame["right_sole"], gains)],
         [CenterOfMassTask(gains)],
         [FrameOrientationTask(frame["base"], gains), FrameOrientationTask(frame["torso"], gains)],

@@ -13,7 +13,7 @@ from safety.filters import FilterStatus
 from safety.obstacles import Obstacle
 
 MAX_FAILURES = 10
-"""Ticks in a row without an answer of the filter or of DynWBC after which the supervisor stops the robot."""
+"""Ticks in a row without an answer of filter or DynWBC, or without a new state, after which the robot is stopped."""
 
 LARGEST = 1e6
 """Positions and velocities beyond this [m, rad, m/s, rad/s] are no measurement: squared, they would overflow."""
@@ -27,7 +27,8 @@ class Supervisor:
 
     The stop: no feed-forward torque, no position gains, the motors' velocity gains brake every joint. A state that
     cannot be one stops at once and is never used, and a command that is not finite is never sent; a solver without
-    answer may fail ``MAX_FAILURES`` times in a row (its last torques hold meanwhile).
+    answer may fail ``MAX_FAILURES`` times in a row (its last torques hold meanwhile), and so often may the state be the
+    same old one.
 
     Attributes:
         controller: the controller that is watched.
@@ -40,6 +41,8 @@ class Supervisor:
         self.cause: str | None = None
         self.stopped_at = float("nan")
         self._failures = 0
+        self._stamp = -np.inf
+        self._repeated = 0
         robot = controller.robot
         self._kd = controller.config.gain_scale * robot.joint_array("kd")
         self._hold = np.zeros(len(robot.joints))
@@ -48,7 +51,8 @@ class Supervisor:
         self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
     ) -> tuple[MotorCommand, TickResult | None]:
         """Command for a measured state, and the controller's result; ``None`` once stopped."""
-        if self.cause is None and (fault := describe_fault(self.controller.robot, state)):
+        fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
+        if fault is not None:
             self.stop(fault, state.stamp)
         if self.cause is not None:
             return self._brake(state.stamp), None
@@ -63,6 +67,16 @@ class Supervisor:
             what = f"filter {result.safety.status.name.lower()}, DynWBC {result.dynwbc.status}"
             self.stop(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
         return result.command, result
+
+    def _describe_age(self, stamp: float) -> str | None:
+        """What is wrong with the stamp of a measured state, in words; ``None`` where all is well."""
+        if not stamp >= self._stamp:
+            return f"measured state has stamp {stamp:g} s after one of {self._stamp:g} s"
+        self._repeated = self._repeated + 1 if stamp == self._stamp else 0
+        self._stamp = stamp
+        if self._repeated >= MAX_FAILURES:
+            return f"measured state is stale: stamp {stamp:g} s for {self._repeated + 1} ticks"
+        return None
 
     def stop(self, cause: str, stamp: float) -> None:
         """Stop the robot, for ``cause``; the first cause is kept."""

@@ -79,6 +79,7 @@ class WholeBodyController:
         self.kin = Kinematics(robot)
         self._clock = clock
         self._mass = robot.total_mass
+        self._with_hands = with_hands
         self._make_tasks(with_hands)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_count)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
@@ -137,8 +138,9 @@ class WholeBodyController:
             The command and what led to it.
 
         Raises:
-            ValueError: the state is not finite, or the number of obstacles is another than announced. A supervisor
-                checks both before the tick (see :class:`controllers.supervisor.Supervisor`).
+            ValueError: the state is not finite (a supervisor stops before that, see
+                :class:`controllers.supervisor.Supervisor`), the number of obstacles is another than announced, or the
+                reference gives no hands to a controller that has them as tasks.
         """
         if not all_finite(state.q, state.v):
             raise ValueError("measured state is not finite")
@@ -182,6 +184,8 @@ class WholeBodyController:
         self._base.rotation = reference.base_rotation
         self._torso.rotation = reference.torso_rotation
         self._posture.joints = reference.joints
+        if reference.hands is None and self._with_hands:
+            raise ValueError("the hands are tasks of this controller, but the reference gives none")
         if reference.hands is not None:
             for hand, point in zip(self._hands, reference.hands, strict=True):
                 hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration

@@ -44,10 +44,11 @@ def run_and_save(options: RunOptions) -> int:
     console = make_console()
     robot = check_hand_tracking(options) if isinstance(options, HandTrackingOptions) else check_options(options)
     name = "stand" if isinstance(options, StandOptions) else "hand-tracking"
-    warm_up(console, robot)
     bars = progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration)
-    with results_folder(options.output, name) as folder, bars as advance:
-        result = run_one(options, advance[0])
+    with results_folder(options.output, name) as folder:
+        warm_up(console, robot)
+        with bars as advance:
+            result = run_one(options, advance[0])
     save_result(result, folder)
     console.print(summary_table([result]))
     write_media([result], folder, f"{name}: {robot.title}", options.output, console)
@@ -68,15 +69,6 @@ def make_console() -> Console:
     return Console(markup=False, soft_wrap=True)
 
 
-def output_folder(options: OutputOptions, name: str) -> Path:
-    """The folder of the results, made and proved to be writable before anything runs.
-
-    Raises:
-        ConfigError: it cannot be written.
-    """
-    return prepare_folder(chosen_folder(options, name))
-
-
 def chosen_folder(options: OutputOptions, name: str) -> Path:
     """The folder that was asked for, or a new one below ``runs``; nothing is made."""
     return options.out if options.out is not None else unused(default_folder(name, time.strftime("%Y%m%d-%H%M%S")))
@@ -84,10 +76,13 @@ def chosen_folder(options: OutputOptions, name: str) -> Path:
 
 @contextmanager
 def results_folder(options: OutputOptions, name: str) -> Iterator[Path]:
-    """As :func:`output_folder`, around a run.
+    """The folder of the results around a run, made and proved to be writable before anything runs.
 
     When the run is over, the pictures of an earlier one in the same folder go. When it is cut short, a folder that was
     made for it goes if it is empty.
+
+    Raises:
+        ConfigError: it cannot be written.
     """
     folder = chosen_folder(options, name)
     existed = folder.exists()

@@ -24,10 +24,11 @@ def demo(options: DemoOptions) -> int:
     robot = check_hand_tracking(runs[0])
     mass = f"{100 * (options.mass_scale - 1):+.0f} % mass"
     console.print(f"{robot.title}, {mass}: both hands are asked to circle through the robot's own torso.")
-    warm_up(console, robot)
     bars = progress(console, [f"filter: {name}" for name in FILTERS], options.duration)
-    with results_folder(options.output, "demo") as folder, bars as advance:
-        results = [run_hand_tracking(run, a) for run, a in zip(runs, advance, strict=True)]
+    with results_folder(options.output, "demo") as folder:
+        warm_up(console, robot)
+        with bars as advance:
+            results = [run_hand_tracking(run, a) for run, a in zip(runs, advance, strict=True)]
     for result, name in zip(results, FILTERS, strict=True):
         save_result(result, folder / name)
     console.print(summary_table(results))

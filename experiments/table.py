@@ -1,7 +1,7 @@
 """The table of the documentation: every run it quotes, made anew, in Markdown."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.progress import Progress
 
-from experiments.console import output_folder, run_one
+from experiments.console import results_folder, run_one
 from experiments.options import (
     FilterOptions,
     HandTrackingOptions,
@@ -58,25 +58,29 @@ HAND_COLUMNS: tuple[Column, ...] = (
 def table(options: TableOptions) -> int:
     """Run everything, print the tables as Markdown, save the runs; returns 0."""
     require_between("jobs", options.jobs, 1, 64)
-    console = Console(stderr=True)
-    folder = output_folder(options.output, "table")
-    # once, here: otherwise every process would compile the same kernels
-    warm_up(console, load_robot("g1"))
+    console = Console(stderr=True, markup=False, soft_wrap=True)
     groups = runs()
-    tasks = [(title, run) for title, (group, _) in groups.items() for run in group]
-    done: dict[str, list[RunResult]] = {title: [] for title in groups}
-    # spawned, not forked: numba and MuJoCo do not survive a fork of a process that has used them
-    with ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool, Progress(console=console) as bar:
-        task = bar.add_task(f"{len(tasks)} runs", total=len(tasks))
-        for (title, _), result in zip(tasks, pool.map(_one, [run for _, run in tasks]), strict=True):
-            done[title].append(result)
-            bar.advance(task)
-    for i, (title, (_, columns)) in enumerate(groups.items()):
-        for j, result in enumerate(done[title]):
-            save_result(result, folder / f"{i}-{j}")
-        print(f"### {title}\n\n{markdown([r.summary for r in done[title]], columns)}\n")
+    with results_folder(options.output, "table") as folder:
+        # once, here: otherwise every process would compile the same kernels
+        warm_up(console, load_robot("g1"))
+        done = _run_all([run for group, _ in groups.values() for run in group], options.jobs, console)
+        for i, (title, (group, columns)) in enumerate(groups.items()):
+            results = [next(done) for _ in group]
+            for j, result in enumerate(results):
+                save_result(result, folder / f"{i}-{j}")
+            print(f"### {title}\n\n{markdown([r.summary for r in results], columns)}\n")
     console.print(f"runs: {folder}")
     return 0
+
+
+def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterator[RunResult]:
+    """Results in the order of the tasks, some at a time."""
+    # spawned, not forked: numba and MuJoCo do not survive a fork of a process that has used them
+    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, Progress(console=console) as bar:
+        task = bar.add_task(f"{len(tasks)} runs", total=len(tasks))
+        for result in pool.map(_one, tasks):
+            bar.advance(task)
+            yield result
 
 
 def _one(options: RunOptions) -> RunResult:

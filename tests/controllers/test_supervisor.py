@@ -177,8 +177,8 @@ def test_failures_in_a_row_stop_the_robot(part: str) -> None:
 def test_failures_with_answers_between_them_do_not(part: str) -> None:
     script = ([True] * (MAX_FAILURES - 1) + [False]) * 5
     supervisor, state, reference = scripted(script, part)
-    for _ in script:
-        _, result = supervisor.tick(state, reference)
+    for i in range(len(script)):
+        _, result = supervisor.tick(replace(state, stamp=0.002 * i), reference)
         assert result is not None
     assert supervisor.cause is None
 
@@ -188,6 +188,24 @@ def test_a_single_failure_does_not_stop_the_robot() -> None:
     for _ in range(3):
         supervisor.tick(state, reference)
     assert supervisor.cause is None
+
+
+def test_a_state_that_is_not_renewed_stops_the_robot(robot: RobotDescription) -> None:
+    supervisor, reference = supervised(robot)
+    for _ in range(MAX_FAILURES):
+        supervisor.tick(at_rest(robot, 1.0), reference)
+        assert supervisor.cause is None
+    supervisor.tick(at_rest(robot, 1.0), reference)
+    assert supervisor.cause == f"measured state is stale: stamp 1 s for {MAX_FAILURES + 1} ticks"
+
+
+@pytest.mark.parametrize("stamp", [0.9, np.nan])
+def test_a_stamp_that_goes_back_stops_the_robot(robot: RobotDescription, stamp: float) -> None:
+    supervisor, reference = supervised(robot)
+    supervisor.tick(at_rest(robot, 1.0), reference)
+    _, result = supervisor.tick(at_rest(robot, stamp), reference)
+    assert result is None
+    assert supervisor.cause == f"measured state has stamp {stamp:g} s after one of 1 s"
 
 
 def test_a_command_that_is_not_finite_is_never_sent() -> None:
@@ -205,10 +223,11 @@ def test_a_reference_that_is_not_finite_ends_in_a_stop_and_never_in_a_bad_comman
     supervisor, reference = supervised(robot)
     supervisor.tick(at_rest(robot), reference)
     reference.com = PointReference(np.full(3, np.nan))
-    for _ in range(MAX_FAILURES + 1):
-        command, _ = supervisor.tick(at_rest(robot), reference)
+    for i in range(MAX_FAILURES + 1):
+        command, _ = supervisor.tick(at_rest(robot, 0.002 * (i + 1)), reference)
         assert finite(command)
     assert supervisor.cause is not None
+    assert "no solution" in supervisor.cause
 
 
 def test_extreme_but_finite_states_give_finite_commands(robot: RobotDescription) -> None:

@@ -369,7 +369,8 @@ def test_unused_folders_are_numbered(tmp_path: Path) -> None:
 def test_a_folder_that_is_given_is_used_as_it_is(tmp_path: Path) -> None:
     given = tmp_path / "given"
     given.mkdir()
-    assert console.output_folder(OutputOptions(out=given), "stand") == given
+    with console.results_folder(OutputOptions(out=given), "stand") as folder:
+        assert folder == given
 
 
 # --- other commands

@@ -168,15 +168,16 @@ def test_numbers_that_are_not_finite_stop_the_robot(
     assert result.slack == np.inf
 
 
+@pytest.mark.parametrize("part", ["feet", "balance"])
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_foot_jacobians_that_are_not_finite_stop_the_robot(
-    value: float, safety_filter: SafetyFilter, kin: Kinematics, barriers: BarrierSet
+def test_spared_jacobians_that_are_not_finite_stop_the_robot(
+    value: float, part: str, safety_filter: SafetyFilter, kin: Kinematics, barriers: BarrierSet
 ) -> None:
     rng = np.random.default_rng(6)
-    rows, feet = rows_near(kin, barriers, rng), np.ones((12, kin.nv))
-    feet[4, 7] = value
+    rows, jacobian = rows_near(kin, barriers, rng), np.ones((12, kin.nv))
+    jacobian[4, 7] = value
     with np.errstate(invalid="ignore"):
-        result = safety_filter.apply(rows, 20 * rng.normal(size=kin.nv), feet)
+        result = safety_filter.apply(rows, 20 * rng.normal(size=kin.nv), **{part: jacobian})
     assert result.status == FilterStatus.FAILED
     assert not result.v.any()
 
@@ -284,8 +285,9 @@ def test_bounds_that_are_not_positive_numbers_are_refused(bad: float) -> None:
 def test_unknown_filter_and_bad_weight_are_refused_by_name() -> None:
     with pytest.raises(ConfigError, match=r"filter = 'ecbf2': must be one of none, cbf, issf"):
         SafetyFilter("ecbf2", 1, PARAMETERS, np.ones(2))
-    with pytest.raises(ConfigError, match=r"foot_weight = -1"):
-        SafetyFilter("cbf", 1, PARAMETERS, np.ones(2), foot_weight=-1)
+    for weight in ("foot_weight", "balance_weight"):
+        with pytest.raises(ConfigError, match=rf"{weight} = -1"):
+            SafetyFilter("cbf", 1, PARAMETERS, np.ones(2), **{weight: -1})
 
 
 def test_bounds_given_to_a_filter_may_change_afterwards() -> None:

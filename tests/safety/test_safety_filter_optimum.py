@@ -133,6 +133,20 @@ def test_no_feet_and_no_weight_are_the_same_problem(
         np.testing.assert_allclose(result.v, expected, rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("name", NAMES)
+def test_feet_and_balance_are_two_weights_of_one_objective(
+    name: str, kin: Kinematics, barriers: BarrierSet, v_max: Array
+) -> None:
+    rows, v_des = random_case(kin, barriers, np.random.default_rng(7))
+    feet, balance = foot_jacobian(kin), np.random.default_rng(8).normal(scale=0.3, size=(6, kin.nv))
+    both = SafetyFilter(name, barriers.size, PARAMETERS, v_max, foot_weight=40.0, balance_weight=90.0)
+    one = SafetyFilter(name, barriers.size, PARAMETERS, v_max, foot_weight=1.0)
+    expected = one.apply(rows, v_des, np.vstack([np.sqrt(40.0) * feet, np.sqrt(90.0) * balance]))
+    result = both.apply(rows, v_des, feet, balance)
+    assert result.status == expected.status == FilterStatus.FILTERED
+    np.testing.assert_allclose(result.v, expected.v, rtol=0, atol=1e-8)
+
+
 def overly_tight(kin: Kinematics, rows: BarrierRows, rng: np.random.Generator) -> BarrierRows:
     """Several joints beyond both limits and all bodies deep in each other: many rows in conflict."""
     nj, h = kin.nv - 6, rows.h.copy()

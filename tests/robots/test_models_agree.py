@@ -247,7 +247,8 @@ def test_sunk_into_the_ground_only_soles_touch(standing: Pair) -> None:
 def test_standing_posture_puts_the_soles_flat_on_the_ground(standing: Pair) -> None:
     for sole in standing.robot.soles:
         rotation, position = standing.kin.frame_placement(standing.kin.frame_id(sole.frame))
-        assert abs(position[2]) < 1e-6
+        # just inside it: a sole that only touches has no contact force in the first step of a run
+        assert -2e-4 < position[2] < 0
         np.testing.assert_allclose(rotation[:, 2], [0.0, 0.0, 1.0], rtol=0, atol=1e-6)
         box = standing.model.geom(f"{sole.frame}_contact")
         centre = standing.data.geom_xpos[box.id]

@@ -10,33 +10,13 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
+from experiments.figures import known_figures
 from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import HandTrackingOptions, OutputOptions, RunOptions, StandOptions
 from experiments.results import RunResult, prepare_folder, run_title, save_result
 from experiments.session import check_options, default_folder
 from experiments.stand import run_stand
 from experiments.warmup import warm_up
-
-ROWS = (
-    ("fell", "fell", "", 1),
-    ("stop_cause", "stopped because", "", 1),
-    ("min_h_self_collision_m", "smallest self-collision barrier", "mm", 1e3),
-    ("collision_ratio", "collisions left, of the reference motion's", "%", 1e2),
-    ("min_h_joint_limit_rad", "smallest joint-limit barrier", "rad", 1),
-    ("min_h_obstacle_m", "smallest obstacle barrier", "mm", 1e3),
-    ("min_h_workspace_m", "smallest workspace barrier", "mm", 1e3),
-    ("hand_rmse_m", "hand error, RMS", "mm", 1e3),
-    ("hand_rmse_outside_conflict_m", "hand error outside the conflict, RMS", "mm", 1e3),
-    ("com_error_settled_max_m", "CoM error after 3 s, largest", "mm", 1e3),
-    ("foot_slide_max_m", "foot slide, largest", "mm", 1e3),
-    ("zmp_inside_fraction", "ZMP inside the support polygon", "%", 1e2),
-    ("max_torque_fraction", "torque, largest share of a limit", "%", 1e2),
-    ("qp_failures", "ticks without a QP solution", "", 1),
-    ("relaxed_fraction", "ticks with relaxed conditions", "%", 1e2),
-    ("tick_ms_median", "tick, median", "ms", 1),
-    ("tick_ms_p99", "tick, 99th percentile", "ms", 1),
-)
-"""Key, words, unit, factor."""
 
 
 def run_and_save(options: RunOptions) -> int:
@@ -116,7 +96,7 @@ def progress(console: Console, titles: Sequence[str], duration: float) -> Iterat
         TimeElapsedColumn(),
     )
     with Progress(*columns, console=console, redirect_stdout=False) as bars:
-        ids = [bars.add_task(title, total=duration) for title in titles]
+        ids = [bars.add_task(title, total=duration, start=False) for title in titles]
         yield [_Advance(bars, i, duration) for i in ids]
         for i in ids:
             bars.update(i, completed=duration)
@@ -127,8 +107,12 @@ class _Advance:
 
     def __init__(self, bars: Progress, task: Any, duration: float) -> None:
         self._bars, self._task, self._duration = bars, task, duration
+        self._started = False
 
     def __call__(self, t: float) -> None:
+        if not self._started:
+            self._bars.start_task(self._task)
+            self._started = True
         self._bars.update(self._task, completed=min(t, self._duration))
 
 
@@ -138,21 +122,10 @@ def summary_table(results: Sequence[RunResult]) -> Table:
     table.add_column("")
     for result in results:
         table.add_column(run_title(result), justify="right")
-    for key, words, unit, factor in ROWS:
-        values = [r.summary.get(key) for r in results]
-        if any(v is not None for v in values):
-            table.add_row(f"{words}{f' ({unit})' if unit else ''}", *(_cell(v, factor) for v in values))
+    for figure, values in known_figures(results):
+        unit = f" ({figure.unit})" if figure.unit else ""
+        table.add_row(figure.words + unit, *(figure.text(v) for v in values))
     return table
-
-
-def _cell(value: Any, factor: float) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, int | float):
-        return f"{value * factor:.3g}" if isinstance(value, float) else str(value)
-    return str(value)
 
 
 def write_media(

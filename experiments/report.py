@@ -6,12 +6,12 @@ import json
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
 from experiments import plots
+from experiments.figures import known_figures
 from experiments.results import FILTER_STATUSES, RunResult, plain, run_title, smallest_self_collision
 from robots.errors import ConfigError
 
@@ -22,21 +22,6 @@ LARGEST_EMBEDDED_VIDEO = 8_000_000
 
 FALLEN_SHARE = 0.6
 """A centre of mass below this share of its first height counts as a fall, where the summary does not say."""
-
-UNITS = {
-    "mm": "mm", "m": "m", "cm": "cm", "ms": "ms", "us": "µs", "s": "s", "hz": "Hz", "deg": "°", "rad": "rad",
-    "nm": "N m", "n": "N", "kg": "kg", "percent": "%", "pct": "%", "mps": "m/s",
-}  # fmt: skip
-"""What the last part of a summary key means."""
-
-WORDS = {"com": "CoM", "zmp": "ZMP", "qp": "QP", "dcm": "DCM", "fell": "fell over", "h": "clearance"}
-"""Parts of summary keys that read better otherwise."""
-
-AMOUNTS = {
-    "min": "smallest", "max": "largest", "peak": "largest", "mean": "mean", "median": "median", "rms": "RMS",
-    "p50": "median", "p95": "95th percentile of", "p99": "99th percentile of", "final": "final",
-}  # fmt: skip
-"""Parts of summary keys that come first when read."""
 
 CAPTIONS = (
     ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
@@ -140,6 +125,8 @@ def verdict(result: RunResult) -> list[tuple[bool, str]]:
     if not len(result.series["time"]):
         return [(False, "ended before the first tick")]
     out = [_upright(result)]
+    if cause := result.summary.get("stop_cause"):
+        out.append((False, f"was stopped: {cause}"))
     if result.series["h_self_collision"].size:
         out.append(_clearance(result))
     out += _other_barriers(result)
@@ -149,17 +136,6 @@ def verdict(result: RunResult) -> list[tuple[bool, str]]:
     if counts[3]:
         out.append((False, f"the filter failed in {_ticks(int(counts[3]))}"))
     return out
-
-
-def summary_label(key: str) -> tuple[str, str]:
-    """A summary key as (words, unit): ``com_error_max_mm`` gives ``("Largest CoM error", "mm")``."""
-    parts = key.lower().replace("self_collision", "self-collision").split("_")
-    unit = UNITS.get(parts[-1], "") if len(parts) > 1 else ""
-    parts = parts[:-1] if unit else parts
-    # the barrier's letter is read as a noun, after what it belongs to
-    parts.sort(key=lambda part: 0 if part in AMOUNTS else 2 if part == "h" else 1)
-    text = " ".join(AMOUNTS.get(part) or WORDS.get(part, part) for part in parts)
-    return text[:1].upper() + text[1:], unit
 
 
 def _upright(result: RunResult) -> tuple[bool, str]:
@@ -186,8 +162,11 @@ def _clearance(result: RunResult) -> tuple[bool, str]:
 
 
 def _other_barriers(result: RunResult) -> list[tuple[bool, str]]:
-    """Only what was violated: joint limits and workspace bounds."""
+    """Only what was violated: joint limits, obstacles and workspace bounds."""
     out = []
+    obstacle = result.series.get("h_obstacle", np.empty(0))
+    if obstacle.size and obstacle.min() < 0:
+        out.append((False, f"an obstacle entered the robot by {_mm(-float(obstacle.min()))}"))
     joint = result.series["h_joint_limit"]
     if joint.size and joint.min() < 0:
         out.append((False, f"a joint went past its limit by {np.degrees(-joint.min()):.2g}°"))
@@ -229,33 +208,16 @@ def _verdicts(results: Sequence[RunResult]) -> str:
 
 
 def _table(results: Sequence[RunResult]) -> str:
-    keys = list(dict.fromkeys(key for result in results for key in result.summary))
     head = "".join(f"<th>{html.escape(run_title(r))}</th>" for r in results)
     rows = []
-    for key in keys:
-        words, unit = summary_label(key)
-        cells = "".join(_cell(key, plain(result.summary.get(key))) for result in results)
-        rows.append(f'<tr><td>{html.escape(words)}</td>{cells}<td class="unit">{html.escape(unit)}</td></tr>')
+    for figure, values in known_figures(results):
+        cells = "".join(
+            f'<td class="{"bad" if figure.is_bad(v) else "figure"}">{html.escape(figure.text(v))}</td>'
+            for v in map(plain, values)
+        )
+        unit = f'<td class="unit">{html.escape(figure.unit)}</td>'
+        rows.append(f"<tr><td>{html.escape(figure.words)}</td>{cells}{unit}</tr>")
     return f'<div class="scroll"><table><tr><th></th>{head}<th></th></tr>{"".join(rows)}</table></div>'
-
-
-def _cell(key: str, value: Any) -> str:
-    """One figure; a fall and a negative clearance or margin stand out."""
-    number = value if isinstance(value, int | float) and not isinstance(value, bool) else None
-    barrier = {"h", "clearance", "margin"} & set(key.split("_"))
-    bad = (key == "fell" and value is True) or bool(barrier and number is not None and number < 0)
-    style = ' class="bad"' if bad else ""
-    return f"<td{style}>{html.escape(_figure(value))}</td>"
-
-
-def _figure(value: Any) -> str:
-    if value is None:
-        return "n/a"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
-    return str(value)
 
 
 def _image(png: bytes, alt: str) -> str:
@@ -295,9 +257,9 @@ def _plot(heading: str, png: bytes | None, caption: str) -> str:
 
 
 def _configuration(results: Sequence[RunResult]) -> str:
-    blocks = "".join(
-        f"<p><strong>{html.escape(run_title(r))}</strong></p>"
-        f"<pre>{html.escape(json.dumps(plain(r.config), indent=2))}</pre>"
-        for r in results
-    )
-    return f"<section><details><summary>Configuration, resolved</summary>{blocks}</details></section>"
+    blocks = ""
+    for result in results:
+        text = json.dumps({"summary": plain(result.summary), "config": plain(result.config)}, indent=2)
+        blocks += f"<p><strong>{html.escape(run_title(result))}</strong></p><pre>{html.escape(text)}</pre>"
+    heading = "Every figure, and the resolved configuration"
+    return f"<section><details><summary>{heading}</summary>{blocks}</details></section>"

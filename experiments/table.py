@@ -1,7 +1,7 @@
 """The table of the documentation: every run it quotes, made anew, in Markdown."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
 from typing import Any
@@ -10,6 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from experiments.console import results_folder, run_one
+from experiments.figures import Figure
 from experiments.options import (
     FilterOptions,
     HandTrackingOptions,
@@ -26,32 +27,29 @@ from robots.loader import load_robot
 ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (0.9, 1.0, 1.2)
 
-Column = tuple[str, str, float]
-"""Heading, key of the summary, factor."""
-
-STAND_COLUMNS: tuple[Column, ...] = (
-    ("robot", "robot", 1),
-    ("mass", "mass_scale", 1),
-    ("fell", "fell", 1),
-    ("CoM error after 3 s, max [mm]", "com_error_settled_max_m", 1e3),
-    ("foot slide, max [mm]", "foot_slide_max_m", 1e3),
-    ("ZMP inside [%]", "zmp_inside_fraction", 1e2),
-    ("torque / limit, max [%]", "max_torque_fraction", 1e2),
-    ("QP failures", "qp_failures", 1),
+STAND_COLUMNS = (
+    Figure("robot", "robot"),
+    Figure("mass_scale", "mass"),
+    Figure("fell", "fell"),
+    Figure("com_error_settled_max_m", "CoM error after 3 s, max", "mm", 1e3),
+    Figure("foot_slide_max_m", "foot slide, max", "mm", 1e3),
+    Figure("zmp_inside_fraction", "ZMP inside", "%", 1e2),
+    Figure("max_torque_fraction", "torque / limit, max", "%", 1e2),
+    Figure("qp_failures", "QP failures"),
 )
-HAND_COLUMNS: tuple[Column, ...] = (
-    ("robot", "robot", 1),
-    ("filter", "filter", 1),
-    ("fell", "fell", 1),
-    ("min h self-collision [mm]", "min_h_self_collision_m", 1e3),
-    ("collision ratio [%]", "collision_ratio", 1e2),
-    ("min h workspace [mm]", "min_h_workspace_m", 1e3),
-    ("hand RMSE [mm]", "hand_rmse_m", 1e3),
-    ("outside conflict [mm]", "hand_rmse_outside_conflict_m", 1e3),
-    ("CoM error, max [mm]", "com_error_settled_max_m", 1e3),
-    ("foot slide, max [mm]", "foot_slide_max_m", 1e3),
-    ("torque / limit, max [%]", "max_torque_fraction", 1e2),
-    ("QP failures", "qp_failures", 1),
+HAND_COLUMNS = (
+    Figure("robot", "robot"),
+    Figure("filter", "filter"),
+    Figure("fell", "fell"),
+    Figure("min_h_self_collision_m", "min h self-collision", "mm", 1e3),
+    Figure("collision_ratio", "collision ratio", "%", 1e2),
+    Figure("min_h_workspace_m", "min h workspace", "mm", 1e3),
+    Figure("hand_rmse_m", "hand RMSE", "mm", 1e3),
+    Figure("hand_rmse_outside_conflict_m", "outside conflict", "mm", 1e3),
+    Figure("com_error_settled_max_m", "CoM error, max", "mm", 1e3),
+    Figure("foot_slide_max_m", "foot slide, max", "mm", 1e3),
+    Figure("max_torque_fraction", "torque / limit, max", "%", 1e2),
+    Figure("qp_failures", "QP failures"),
 )
 
 
@@ -87,7 +85,7 @@ def _one(options: RunOptions) -> RunResult:
     return run_one(options, None)
 
 
-def runs() -> dict[str, tuple[list[RunOptions], tuple[Column, ...]]]:
+def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
     """All runs by title, with the columns to show."""
     stand: list[RunOptions] = [
         StandOptions(robot=robot, plant=PlantOptions(mass_scale=m)) for robot in ROBOTS for m in MASS_SCALES
@@ -114,21 +112,13 @@ def runs() -> dict[str, tuple[list[RunOptions], tuple[Column, ...]]]:
         "Hand targets 30 cm beyond reach, +20 % mass, 12 s": (reach, HAND_COLUMNS),
         "A sphere passes through where the hands are, velocity from a Kalman filter, +20 % mass, 7 s": (
             sphere,
-            (*HAND_COLUMNS[:3], ("min h obstacle [mm]", "min_h_obstacle_m", 1e3), *HAND_COLUMNS[3:]),
+            (*HAND_COLUMNS[:3], Figure("min_h_obstacle_m", "min h obstacle", "mm", 1e3), *HAND_COLUMNS[3:]),
         ),
     }
 
 
-def markdown(summaries: Sequence[Any], columns: Sequence[Column]) -> str:
+def markdown(summaries: Sequence[Mapping[str, Any]], columns: Sequence[Figure]) -> str:
     """A Markdown table of summaries."""
-    lines = [[heading for heading, _, _ in columns], ["---"] * len(columns)]
-    lines += [[_cell(summary.get(key), factor) for _, key, factor in columns] for summary in summaries]
+    lines = [[f"{c.words} [{c.unit}]" if c.unit else c.words for c in columns], ["---"] * len(columns)]
+    lines += [[c.text(summary.get(c.key)) for c in columns] for summary in summaries]
     return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def _cell(value: Any, factor: float) -> str:
-    if value is None:
-        return "-"
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return f"{value * factor:.3g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""A sphere passes through where the hands are, seen through noise and a Kalman filter, on robots heavier than modelled."""
+"""A sphere passes through where the hands are, seen through noise and a Kalman filter; the robots are too heavy."""
 
 from functools import cache
 

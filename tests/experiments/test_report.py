@@ -15,7 +15,7 @@ from PIL import Image
 from experiments import plots, report
 from experiments.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
 from experiments.plots import joint_groups
-from experiments.report import summary_label, verdict, write_report
+from experiments.report import verdict, write_report
 from experiments.results import (
     RunResult,
     filter_title,
@@ -422,18 +422,3 @@ def test_the_verdict_tells_other_violations_and_filter_trouble() -> None:
     assert f"{result.robot.workspace[0].name.replace('_', ' ')} went beyond its bound by 12 mm" in text
     assert "relax its constraints in 2 ticks" in text
     assert "failed in 1 tick" in text
-
-
-@pytest.mark.parametrize(
-    ("key", "label"),
-    [
-        ("com_error_max_mm", ("Largest CoM error", "mm")),
-        ("min_h_self_collision_mm", ("Smallest self-collision clearance", "mm")),
-        ("tick_p99_us", ("99th percentile of tick", "µs")),
-        ("fell", ("Fell over", "")),
-        ("steps", ("Steps", "")),
-        ("s", ("S", "")),
-    ],
-)
-def test_summary_keys_read_as_words(key: str, label: tuple[str, str]) -> None:
-    assert summary_label(key) == label

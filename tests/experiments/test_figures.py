@@ -1,0 +1,34 @@
+import pytest
+
+from experiments.figures import FIGURES, Figure
+
+
+@pytest.mark.parametrize(
+    ("bad", "value", "expected"),
+    [
+        ("", -1.0, False),
+        ("negative", -1e-9, True),
+        ("negative", 0.0, False),
+        ("negative", None, False),
+        ("true", True, True),
+        ("true", False, False),
+        ("given", "a cause", True),
+        ("given", None, False),
+        ("positive", 1, True),
+        ("positive", 0, False),
+    ],
+)
+def test_what_stands_out(bad: str, value: object, expected: bool) -> None:
+    assert Figure("key", "words", bad=bad).is_bad(value) is expected
+
+
+def test_values_are_shown_in_their_unit() -> None:
+    assert Figure("x_m", "x", "mm", 1e3).text(0.0033149) == "3.31"
+    assert Figure("n", "n").text(12) == "12"
+    assert Figure("fell", "fell").text(True) == "yes"
+    assert Figure("x", "x").text(None) == "-"
+
+
+def test_each_figure_is_shown_once() -> None:
+    keys = [figure.key for figure in FIGURES]
+    assert len(set(keys)) == len(keys)

@@ -31,7 +31,7 @@ def run_and_save(options: RunOptions) -> int:
             result = run_one(options, advance[0])
     save_result(result, folder)
     console.print(summary_table([result]))
-    write_media([result], folder, f"{name}: {robot.title}", options.output, console)
+    write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", options.output, console)
     console.print(f"results: {folder}")
     return 1 if result.summary["fell"] or result.summary["stop_cause"] else 0
 

@@ -56,6 +56,19 @@ def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
     return _finish(figure, axes[-2:], shown)
 
 
+def obstacle_plot(results: Sequence[RunResult]) -> bytes | None:
+    """Smallest obstacle barrier over time [mm]; ``None`` where no run has an obstacle."""
+    shown = [r for r in results if np.isfinite(r.series.get("h_obstacle", np.empty(0))).any()]
+    if not shown:
+        return None
+    figure, axes = _figure(1, 1, 3.0)
+    for result, colour in _coloured(shown):
+        axes[0].plot(result.series["step_time"], 1e3 * result.series["h_obstacle"], color=colour)
+    _shade_unsafe(axes[0])
+    axes[0].set_ylabel("distance [mm]")
+    return _finish(figure, axes, shown)
+
+
 def hand_plot(results: Sequence[RunResult]) -> bytes | None:
     """Hand positions against their references, per axis [m], and the length of the error [mm]."""
     shown = [r for r in results if all(f"{hand}_ref" in r.series for hand in HANDS)]
@@ -278,7 +291,8 @@ def _shade_unsafe(axis: Axes) -> None:
     low, high = axis.get_ylim()
     nearest = min((np.nanmin(line.get_ydata()) for line in axis.get_lines()), default=0.0)
     low = min(-5.0, low)
-    axis.set_ylim(low, max(5.0, min(high, max(80.0, -3.0 * low, 2.0 * nearest))))
+    # a little room above, so that a level line does not hide under the frame
+    axis.set_ylim(low, max(5.0, min(1.06 * high, max(80.0, -3.0 * low, 2.0 * nearest))))
     axis.axhspan(low, 0.0, color=UNSAFE, alpha=0.09, lw=0)
     axis.axhline(0.0, color=UNSAFE, lw=1.1)
 

@@ -25,6 +25,7 @@ FALLEN_SHARE = 0.6
 
 CAPTIONS = (
     ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
+    ("Obstacle", plots.obstacle_plot, "Distance between the obstacle and the closest body; below zero they overlap."),
     ("Hands", plots.hand_plot, "Where the hands were and where they were asked to be; the last row is the distance."),
     ("Balance", plots.balance_plot, "The zero-moment point has to stay inside the support polygon, or the feet tip."),
     ("Centre of mass", plots.com_plot, "How far the centre of mass was from where it was asked to be."),

@@ -1,5 +1,6 @@
-"""Watches the controller: a cause for concern ends in a damped stop, latched, with its cause kept."""
+"""Watches the controller: a cause for concern ends in a stop that is not left again, with its cause kept."""
 
+import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,6 +16,12 @@ from safety.obstacles import Obstacle
 MAX_FAILURES = 10
 """Ticks in a row without an answer of filter or DynWBC, or without a new state, after which the robot is stopped."""
 
+HOLD_TIME = 0.5
+"""How long a blind stop holds the motors where they are [s]."""
+
+FADE_TIME = 1.5
+"""How long it then takes to fade torques and position gains [s]."""
+
 LARGEST = 1e6
 """Positions and velocities beyond this [m, rad, m/s, rad/s] are no measurement: squared, they would overflow."""
 
@@ -25,10 +32,15 @@ QUATERNION_TOLERANCE = 1e-3
 class Supervisor:
     """Runs the controller's tick and stops for good when something is wrong.
 
-    The stop: no feed-forward torque, no position gains, the motors' velocity gains brake every joint. A state that
-    cannot be one stops at once and is never used, and a command that is not finite is never sent; a solver without
-    answer may fail ``MAX_FAILURES`` times in a row (its last torques hold meanwhile), and so often may the state be the
-    same old one.
+    Two ways to stop, both latched, both with the first cause kept:
+
+    - *Blind*: where the state cannot be one, the same old state keeps coming, a command is not finite, or a solver has
+      not answered for ``MAX_FAILURES`` ticks (its last torques hold meanwhile). Nothing is computed any more: motors
+      hold their last set-points, feed-forward torques and gains for ``HOLD_TIME``, then torques and position gains
+      fade over ``FADE_TIME`` and the velocity gains brake what is left. No biped stands for long without its state:
+      this gives a person time, and lets the robot down instead of dropping it.
+    - *Holding* (:meth:`hold`): where the state is sound but the task cannot go on, a lost obstacle for example. The
+      references freeze where they are and the controller goes on keeping balance, with the obstacles last known.
 
     Attributes:
         controller: the controller that is watched.
@@ -40,33 +52,73 @@ class Supervisor:
         self.controller = controller
         self.cause: str | None = None
         self.stopped_at = float("nan")
+        self._blind_ticks = -1
         self._failures = 0
         self._stamp = -np.inf
         self._repeated = 0
+        self._frozen: WholeBodyReference | None = None
+        self._obstacles: Sequence[Obstacle] = ()
         robot = controller.robot
-        self._kd = controller.config.gain_scale * robot.joint_array("kd")
-        self._hold = np.zeros(len(robot.joints))
+        zero = np.zeros(len(robot.joints))
+        kd = controller.config.gain_scale * robot.joint_array("kd")
+        # without any command yet there is nothing to hold: brake
+        self._last = MotorCommand(zero, zero, zero, zero, kd, 0.0)
 
     def tick(
         self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
     ) -> tuple[MotorCommand, TickResult | None]:
-        """Command for a measured state, and the controller's result; ``None`` once stopped."""
+        """Command for a measured state, and the controller's result; ``None`` once blindly stopped.
+
+        While holding, ``reference`` and ``obstacles`` are not read.
+        """
         fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
         if fault is not None:
-            self.stop(fault, state.stamp)
+            self._stop_blindly(fault, state.stamp)
+        if self._blind_ticks >= 0:
+            return self._fading_command(state.stamp), None
         if self.cause is not None:
-            return self._brake(state.stamp), None
+            reference, obstacles = self._frozen_reference(reference), self._obstacles
+        if len(obstacles) != self.controller.obstacle_count:
+            expected = self.controller.obstacle_count
+            self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
+            return self._fading_command(state.stamp), None
         result = self.controller.tick(state, reference, obstacles)
+        self._obstacles = [Obstacle(o.start, o.end, o.radius) for o in obstacles]
         if not all_finite(result.command.q, result.command.v, result.command.tau):
-            self.stop("the controller's command is not finite", state.stamp)
-            return self._brake(state.stamp), result
-        self._hold = result.command.q
+            self._stop_blindly("the controller's command is not finite", state.stamp)
+            return self._fading_command(state.stamp), result
+        self._last = result.command
         failed = result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
         self._failures = self._failures + 1 if failed else 0
         if self._failures >= MAX_FAILURES:
             what = f"filter {result.safety.status.name.lower()}, DynWBC {result.dynwbc.status}"
-            self.stop(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
+            self._stop_blindly(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
         return result.command, result
+
+    def hold(self, cause: str, stamp: float) -> None:
+        """Stop the task for ``cause``, from the tick at ``stamp`` [s] on, and keep balance; the first cause stays."""
+        if self.cause is None:
+            self.cause, self.stopped_at = cause, stamp
+
+    def _stop_blindly(self, cause: str, stamp: float) -> None:
+        self.hold(cause, stamp)
+        self._blind_ticks = max(0, self._blind_ticks)
+
+    def _frozen_reference(self, reference: WholeBodyReference) -> WholeBodyReference:
+        """The reference of the moment of the stop, at rest."""
+        if self._frozen is None:
+            self._frozen = copy.deepcopy(reference)
+            for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):
+                point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
+        return self._frozen
+
+    def _fading_command(self, stamp: float) -> MotorCommand:
+        """The last command with its velocities at zero, held, then faded out."""
+        t = self._blind_ticks * self.controller.config.dt
+        self._blind_ticks += 1
+        share = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
+        last = self._last
+        return MotorCommand(last.q, np.zeros_like(last.v), share * last.tau, share * last.kp, last.kd, stamp)
 
     def _describe_age(self, stamp: float) -> str | None:
         """What is wrong with the stamp of a measured state, in words; ``None`` where all is well."""
@@ -77,15 +129,6 @@ class Supervisor:
         if self._repeated >= MAX_FAILURES:
             return f"measured state is stale: stamp {stamp:g} s for {self._repeated + 1} ticks"
         return None
-
-    def stop(self, cause: str, stamp: float) -> None:
-        """Stop the robot, for ``cause``; the first cause is kept."""
-        if self.cause is None:
-            self.cause, self.stopped_at = cause, stamp
-
-    def _brake(self, stamp: float) -> MotorCommand:
-        zero = np.zeros_like(self._hold)
-        return MotorCommand(self._hold, zero, zero, zero, self._kd, stamp)
 
 
 def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:

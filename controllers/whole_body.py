@@ -82,6 +82,7 @@ class WholeBodyController:
         self._with_hands = with_hands
         self._make_tasks(with_hands)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_count)
+        self.obstacle_count = obstacle_count
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
@@ -94,6 +95,9 @@ class WholeBodyController:
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
         self._kp = config.gain_scale * robot.joint_array("kp")
         self._kd = config.gain_scale * robot.joint_array("kd")
+        for gains in (self._kp, self._kd):
+            # every command hands them out
+            gains.setflags(write=False)
 
     def _contact(self, frame: str, half_length: float, half_width: float) -> SoleContact:
         c = self.config.contact
@@ -104,7 +108,10 @@ class WholeBodyController:
         rate = self.config.dynwbc.kd + self.config.dynwbc.kp * self.config.dt
         linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com", "hand")}
         angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
-        self._feet = [FramePoseTask(kin.frame_id(roles[r]), linear["foot"]) for r in ("left_sole", "right_sole")]
+        foot_turn = TaskGains(t.foot, t.max_angular, rate)
+        self._feet = [
+            FramePoseTask(kin.frame_id(roles[r]), linear["foot"], foot_turn) for r in ("left_sole", "right_sole")
+        ]
         self._com = CenterOfMassTask(linear["com"])
         self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
         self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
@@ -171,7 +178,7 @@ class WholeBodyController:
         dynamic = self.dynwbc.solve(problem)
         marks.append(self._clock())
         command = MotorCommand(
-            state.q[7:] + safety.v[6:] * dt, safety.v[6:], dynamic.torque, self._kp, self._kd, state.stamp
+            state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp
         )
         return TickResult(command, v_des, safety, dynamic, np.diff(marks))
 

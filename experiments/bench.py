@@ -15,6 +15,7 @@ from controllers.config import controller_config
 from controllers.motions import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.whole_body import STAGES, WholeBodyController
+from experiments.hand_tracking import start_posture
 from experiments.options import BenchOptions
 from experiments.warmup import warm_up
 from robots.checks import require_between, require_one_of
@@ -79,7 +80,7 @@ def _set_up(
     config = controller_config(robot, filter=options.filter, dynwbc_solver=options.solver)
     controller = WholeBodyController(robot, config, with_hands=True)
     kin = controller.kin
-    kin.update(standing_configuration(robot, "hands_front"), np.zeros(kin.nv))
+    kin.update(standing_configuration(robot, start_posture(robot)), np.zeros(kin.nv))
     reference = reference_here(kin, with_hands=True)
     assert reference.hands is not None
     left, right = reference.hands
@@ -92,7 +93,7 @@ def _record(
 ) -> list[RobotState]:
     plant_settings = PlantConfig(changes=PhysicalChanges(mass_scale=1.2))
     plant = MujocoPlant(controller.robot, plant_settings, np.random.default_rng(0))
-    plant.reset(standing_configuration(controller.robot, "hands_front"))
+    plant.reset(standing_configuration(controller.robot, start_posture(controller.robot)))
     controller.reset(plant.true_state())
     states = []
     for _ in range(ticks):

@@ -2,6 +2,7 @@
 
 import sys
 from dataclasses import dataclass
+from importlib import metadata
 from typing import Annotated
 
 import tyro
@@ -16,7 +17,10 @@ from experiments.options import (
 )
 from robots.errors import SafeWbcError
 
-DESCRIPTION = "Whole-body control of humanoid robots, with a safety filter between kinematics and torques."
+DESCRIPTION = (
+    "Whole-body control of humanoid robots, with a safety filter between kinematics and torques. "
+    "safewbc --version prints the version."
+)
 
 USAGE_ERROR = 2
 """Exit code when an option is not allowed."""
@@ -45,6 +49,9 @@ Command = (
 
 def main() -> None:
     """Entry point: parse, run, and turn refusals into a message and exit code 2."""
+    if sys.argv[1:] == ["--version"]:
+        print(f"safewbc {metadata.version('safewbc')}")
+        sys.exit(0)
     command = tyro.cli(Command, prog="safewbc", description=DESCRIPTION)
     try:
         code = dispatch(command)
@@ -59,10 +66,11 @@ def main() -> None:
 
 def dispatch(command: object) -> int:
     """Run a parsed command; returns the exit code."""
-    if isinstance(command, DoctorOptions):
-        from experiments.doctor import doctor
+    from experiments.doctor import check_mujoco, doctor
 
+    if isinstance(command, DoctorOptions):
         return doctor()
+    check_mujoco()
     if isinstance(command, BenchOptions):
         from experiments.bench import bench
 

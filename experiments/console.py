@@ -98,8 +98,6 @@ def progress(console: Console, titles: Sequence[str], duration: float) -> Iterat
     with Progress(*columns, console=console, redirect_stdout=False) as bars:
         ids = [bars.add_task(title, total=duration, start=False) for title in titles]
         yield [_Advance(bars, i, duration) for i in ids]
-        for i in ids:
-            bars.update(i, completed=duration)
 
 
 class _Advance:

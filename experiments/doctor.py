@@ -3,6 +3,7 @@
 import importlib
 import importlib.util
 import os
+import platform
 import sys
 import time
 from collections.abc import Callable
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
+
+from robots.errors import ConfigError
 
 PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
 
@@ -26,6 +29,24 @@ def check_imports() -> str:
         places = ", ".join(f"{n} from {h}" for n, h in homes.items())
         raise RuntimeError(f"packages come from several places ({places}): uninstall the PyPI project 'safety'")
     return f"all from {next(iter(homes.values()))}"
+
+
+def check_mujoco() -> str:
+    """MuJoCo can be imported, which it refuses where the environment asks for an OpenGL that is not there.
+
+    Raises:
+        ConfigError: the variable ``MUJOCO_GL`` keeps it from being imported.
+    """
+    try:
+        import mujoco
+    except Exception as error:  # what is raised depends on the OpenGL binding that the variable asks for
+        if (chosen := os.environ.get("MUJOCO_GL")) is None:
+            raise
+        here = {"Linux": "egl, osmesa, glfw, glx", "Darwin": "cgl, glfw", "Windows": "wgl, glfw"}
+        known = here.get(platform.system(), "glfw")
+        allowed = f"unset, disable (no pictures), or one of {known} whose library is installed"
+        raise ConfigError("environment variable MUJOCO_GL", chosen, allowed) from error
+    return f"version {mujoco.__version__}"
 
 
 def check_models() -> str:
@@ -84,6 +105,7 @@ def check_runs_folder() -> str:
 
 CHECKS: tuple[tuple[str, Callable[[], str], bool], ...] = (
     ("imports", check_imports, True),
+    ("mujoco", check_mujoco, True),
     ("robots", check_models, True),
     ("solvers", check_solvers, True),
     ("kernels", check_kernels, True),

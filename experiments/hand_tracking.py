@@ -60,7 +60,8 @@ def obstacle_settings(options: HandTrackingOptions) -> SensorSettings | None:
     Raises:
         ConfigError: a value is not allowed.
     """
-    require_between("obstacle_rate", options.obstacle_rate, 1.0, 1000.0)
+    # slower than this, the track would be stale between two measurements
+    require_between("obstacle_rate", options.obstacle_rate, 10.0, 1000.0)
     require_between("obstacle_noise", options.obstacle_noise, 0.0, 0.1)
     lost_at = math.inf
     if options.obstacle_lost_at is not None:

@@ -11,6 +11,7 @@ from controllers.reference import WholeBodyReference
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
+from experiments.results import STOPPED
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
@@ -104,7 +105,7 @@ class ClosedLoop:
                 self.plant.step()
                 self._record_step()
             if self.plant.unstable:
-                self.supervisor.stop("the simulation became unstable: try a smaller physics step", self.plant.time)
+                self.supervisor.hold("the simulation became unstable: try a smaller physics step", self.plant.time)
                 break
             if fell_at is None and self._fallen():
                 fell_at = self.plant.time
@@ -113,6 +114,8 @@ class ClosedLoop:
                 end = min(end, self.supervisor.stopped_at + AFTERMATH)
             if self.progress is not None and i % 50 == 0:
                 self.progress(t)
+        if self.progress is not None:
+            self.progress(self.plant.time)
         return LoopOutcome(fell_at, self.plant.time)
 
     def _tick(self, t: float) -> None:
@@ -130,7 +133,7 @@ class ClosedLoop:
         if self.encounter is None:
             return []
         if fault := self.encounter.sense(t):
-            self.supervisor.stop(fault, t)
+            self.supervisor.hold(fault, t)
             return []
         return self.encounter.believed(t)
 
@@ -154,7 +157,7 @@ class ClosedLoop:
             "foot_wrench": self.plant.contact_wrenches(),
             "v_des": nan if result is None else result.v_des,
             "v_safe": nan if result is None else result.safety.v,
-            "filter_status": 3 if result is None else int(result.safety.status),
+            "filter_status": STOPPED if result is None else int(result.safety.status),
             "filter_slack": np.nan if result is None else result.safety.slack,
             "qp_failed": 0 if result is None else int(result.dynwbc.status != "optimal"),
             "stages": np.full(len(STAGES), np.nan) if result is None else result.stage_seconds,

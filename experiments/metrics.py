@@ -44,7 +44,7 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
     running: Mask = np.asarray(np.isfinite(series["v_safe"]).all(axis=1))
     status = np.where(running, series["filter_status"], 0)
     out: dict[str, Any] = {
-        "duration_s": outcome.duration,
+        "duration_s": round(outcome.duration, 9),
         "fell": outcome.fell_at is not None,
         "fell_at_s": outcome.fell_at,
         "min_h_self_collision_m": _smallest(h_pairs),

@@ -26,7 +26,8 @@ class PlantOptions:
     actuator_delay: float = 0.0
     """Time from command to torque [s]."""
     noise_scale: float = 0.0
-    """Sensor noise as a multiple of the standard set (joints 0.5 mrad and 0.02 rad/s, base 1 mm, 2 mrad) [-]."""
+    """White sensor noise, as a multiple of what is left behind encoders and a state estimator: joints 0.1 mrad and
+    0.01 rad/s, base 0.2 mm, 0.3 mrad, 5 mm/s and 5 mrad/s [-]."""
     physics_dt: float = 0.001
     """Physics step [s]."""
 
@@ -38,9 +39,11 @@ class FilterOptions:
     filter: str = "issf"
     """Safety filter: none, cbf or issf."""
     alpha: float | None = None
-    """Slope of the self-collision condition; the robot's own tuning if not given [1/s]."""
+    """Slope of the self-collision condition of arms, torso and head; the robot's own tuning if not given. The other
+    families (legs, joint limits, obstacles, workspace) are set in the description's [tuning.safety] [1/s]."""
     epsilon: float | None = None
-    """ISSf parameter of self-collision, smaller is more cautious; the robot's own tuning if not given [m s/rad^2]."""
+    """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
+    families are set in the description's [tuning.safety] [m s/rad^2]."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +69,8 @@ class RunOptions:
     control_rate: float = 500.0
     """Control frequency; its period must be a whole number of physics steps [Hz]."""
     seed: int = 0
-    """Seed of everything random (sensor noise) [-]."""
+    """Seed of everything random: the sensor noise of --noise-scale and, with --obstacle, that of the obstacle's
+    sensor [-]."""
     nan_at: float | None = None
     """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
     plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
@@ -88,13 +92,15 @@ class HandTrackingOptions(RunOptions):
     motion: str = "circles"
     """Hand motion: circles (3D circles through the torso), beyond-reach (targets 30 cm out of reach) or hold."""
     obstacle: bool = False
-    """A sphere of 8 cm radius passes through where the hands are, from left to right at 0.25 m/s."""
+    """A sphere of 8 cm radius passes through where the hands start, from left to right at 0.25 m/s. Best with
+    --motion hold: circles and beyond-reach have taken the hands elsewhere when it arrives, after two to three
+    seconds."""
     obstacle_rate: float = 60.0
-    """How often the obstacle's position is measured; its velocity comes from a Kalman filter [Hz]."""
+    """Only with --obstacle: how often its position is measured; its velocity comes from a Kalman filter [Hz]."""
     obstacle_noise: float = 0.005
-    """Standard deviation of each measured coordinate of the obstacle [m]."""
+    """Only with --obstacle: standard deviation of each measured coordinate [m]."""
     obstacle_lost_at: float | None = None
-    """The obstacle is not seen any more from this time on, to see the controlled stop [s]."""
+    """Only with --obstacle: it is not seen any more from this time on, to see the controlled stop [s]."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +108,7 @@ class DemoOptions:
     """Hand tracking on the G1, 20 % heavier than its model, without and with the safety filter, side by side."""
 
     robot: str = "g1"
-    """Robot: g1 or tocabi."""
+    """Robot: g1, tocabi, or the path of a .toml description with [tuning.hand_tracking] (docs/robots.md)."""
     mass_scale: float = 1.2
     """Factor on every mass of the simulated robot [-]."""
     duration: float = 12.0
@@ -117,7 +123,7 @@ class BenchOptions:
     what: tyro.conf.Positional[Literal["tick"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Robots to measure."""
+    """Robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
     ticks: int = 5000
     """Ticks to measure, at least 100 [-]."""
     filter: str = "issf"
@@ -134,7 +140,8 @@ class TableOptions:
 
     jobs: int = 2
     """Runs at a time [-]."""
-    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
+    out: Path | None = None
+    """Folder of the runs, each in a folder of its own; runs/table-<time> if not given."""
 
 
 @dataclass(frozen=True)

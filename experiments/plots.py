@@ -21,7 +21,7 @@ WIDTH = 9.6
 INK, GRID, UNSAFE = "#3a4450", "#e3e7ec", "#c62828"
 UNFILTERED = "#d1495b"
 FILTERED = ("#2368b0", "#2f9e6e", "#e08e1b", "#7a56a8", "#12888f", "#a0522d", "#5c6b7a", "#b83b8a")
-STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828")
+STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#6b7280")
 CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
 
@@ -181,7 +181,7 @@ def filter_plot(results: Sequence[RunResult]) -> bytes | None:
     lower.set_ylim(len(shown) - 0.5, -0.5)
     for name, colour in zip(FILTER_STATUSES, STATUS_COLOURS, strict=True):
         upper.fill_between([], [], color=colour, label=name)
-    upper.legend(loc="upper right", ncols=4)
+    upper.legend(loc="upper right", ncols=5)
     _style([upper, lower])
     lower.grid(False)
     return _finish(figure, [lower], shown)

@@ -18,8 +18,10 @@ from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array
 
-FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed")
-"""Names of the numbers in the series ``filter_status``."""
+FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed", "stopped")
+"""Names of the numbers in the series ``filter_status``; stopped: the filter was not asked any more."""
+
+STOPPED = FILTER_STATUSES.index("stopped")
 
 FILTER_TITLES = {
     "none": "no filter", "cbf": "CBF", "issf": "ISSf-CBF", "issfcbf": "ISSf-CBF", "ecbf": "eCBF", "ssa": "SSA",

@@ -27,14 +27,14 @@ from robots.pinocchio_model import standing_configuration
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 STANDARD_NOISE = SensorNoise(
-    joint_position=5e-4,
-    joint_velocity=0.02,
-    base_position=1e-3,
-    base_orientation=2e-3,
-    base_linear_velocity=0.01,
-    base_angular_velocity=0.01,
+    joint_position=1e-4,
+    joint_velocity=0.01,
+    base_position=2e-4,
+    base_orientation=3e-4,
+    base_linear_velocity=0.005,
+    base_angular_velocity=0.005,
 )
-"""Sensor noise of ``--noise-scale 1``: encoders and a good state estimate."""
+"""Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
 
 MAX_STEPS = 600_000
 """Most physics steps of one run; each leaves about 2 kB behind."""
@@ -174,8 +174,8 @@ def run(
         "robot": robot.name,
         "filter": control.filter,
         "mass_scale": options.plant.mass_scale,
-        "alpha": control.safety.self_collision_alpha,
-        "epsilon": control.safety.self_collision_epsilon,
+        "alpha": None if control.filter == "none" else control.safety.self_collision_alpha,
+        "epsilon": control.safety.self_collision_epsilon if control.filter == "issf" else None,
         "seed": options.seed,
         "stop_cause": supervisor.cause,
         "stop_time_s": supervisor.stopped_at if supervisor.cause else None,

@@ -14,6 +14,7 @@ from experiments.figures import Figure
 from experiments.options import (
     FilterOptions,
     HandTrackingOptions,
+    OutputOptions,
     PlantOptions,
     RunOptions,
     StandOptions,
@@ -58,14 +59,14 @@ def table(options: TableOptions) -> int:
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True, markup=False, soft_wrap=True)
     groups = runs()
-    with results_folder(options.output, "table") as folder:
+    with results_folder(OutputOptions(out=options.out), "table") as folder:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
         done = _run_all([run for group, _ in groups.values() for run in group], options.jobs, console)
-        for i, (title, (group, columns)) in enumerate(groups.items()):
+        for title, (group, columns) in groups.items():
             results = [next(done) for _ in group]
-            for j, result in enumerate(results):
-                save_result(result, folder / f"{i}-{j}")
+            for run, result in zip(group, results, strict=True):
+                save_result(result, folder / run_folder(run))
             print(f"### {title}\n\n{markdown([r.summary for r in results], columns)}\n")
     console.print(f"runs: {folder}")
     return 0
@@ -83,6 +84,12 @@ def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterat
 
 def _one(options: RunOptions) -> RunResult:
     return run_one(options, None)
+
+
+def run_folder(options: RunOptions) -> str:
+    """Name of the folder of one run: robot, filter, then the motion of the hands, or ``stand`` and the mass scale."""
+    motion = options.motion if isinstance(options, HandTrackingOptions) else f"stand-{options.plant.mass_scale:g}"
+    return f"{options.robot}-{options.safety.filter}-{motion}"
 
 
 def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robots.errors import UnknownNameError
+from robots.errors import DescriptionError, UnknownNameError
 from robots.messages import Array
 from robots.validation import validate
 
@@ -218,8 +218,9 @@ class RobotDescription:
         """The posture of this name.
 
         Raises:
-            UnknownNameError: there is none.
+            DescriptionError: there is none; names the file and the table to add.
         """
         if name not in self.postures:
-            raise UnknownNameError("posture", name, sorted(self.postures))
+            allowed = f"one of {', '.join(sorted(self.postures))}, or given there in a table [posture.{name}]"
+            raise DescriptionError(self.file, "posture", name, allowed)
         return self.postures[name]

@@ -63,7 +63,7 @@ def standing_configuration(robot: RobotDescription, posture: str = "standing") -
     """Configuration (nq,) of a named posture: base upright over the origin at its height, pinocchio's order.
 
     Raises:
-        UnknownNameError: no such posture.
+        DescriptionError: no such posture.
     """
     chosen = robot.posture(posture)
     return np.concatenate([[0.0, 0.0, chosen.base_height, 0.0, 0.0, 0.0, 1.0], chosen.joints])

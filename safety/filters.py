@@ -128,7 +128,7 @@ class SafetyFilter:
             return FilterResult(np.zeros(self._nv), FilterStatus.FAILED, float("inf"), -1, 0)
         if self.name == "none":
             return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-        conditions = CONDITIONS[self.name](rows, self.parameters)
+        conditions = _active_only(CONDITIONS[self.name](rows, self.parameters))
         if (np.abs(v_des) <= self._v_max).all():
             result = self._result(v_des.copy(), FilterStatus.UNCHANGED, conditions)
             if result.slack == 0.0:
@@ -177,3 +177,10 @@ class SafetyFilter:
         worst = int(np.argmin(gap))
         slack = max(0.0, -float(gap[worst]))
         return FilterResult(v, status, slack, worst if slack > 0 else -1, int(np.count_nonzero(gap < ACTIVE)))
+
+
+def _active_only(conditions: HalfSpaces) -> HalfSpaces:
+    """The same conditions, those that are not active out of reach of any velocity."""
+    if conditions.active.all():
+        return conditions
+    return HalfSpaces(conditions.A, np.where(conditions.active, conditions.b, -UNBOUNDED), conditions.active)

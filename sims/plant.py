@@ -120,6 +120,7 @@ class MujocoPlant:
         self._sole_geoms = [mujoco.mj_name2id(self.model, geom, f"{s.frame}_contact") for s in robot.soles]
         self._sole_sites = [mujoco.mj_name2id(self.model, site, s.frame) for s in robot.soles]
         self.torque = np.zeros(len(robot.joints))
+        self._sole_poses = [np.zeros((4, 3)) for _ in self._sole_sites]
         self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
 
@@ -139,6 +140,7 @@ class MujocoPlant:
         self.unstable = False
         self.torque[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
+        self._keep_sole_poses()
 
     def true_state(self) -> RobotState:
         """State without noise; new arrays."""
@@ -183,8 +185,18 @@ class MujocoPlant:
         mujoco.mj_forward(self.model, self.data)
         self.unstable = self.unstable or not np.abs(self.data.qacc).max() < UNSTABLE_ACCELERATION
         if not self.unstable:
+            self._keep_sole_poses()
             mujoco.mj_implicit(self.model, self.data)
+            # frames and CoM of the state just reached; forces and sensors stay those of the step that led there
+            mujoco.mj_kinematics(self.model, self.data)
+            mujoco.mj_comPos(self.model, self.data)
             self._steps += 1
+
+    def _keep_sole_poses(self) -> None:
+        """Remember where the soles are while the contact forces act."""
+        for kept, site in zip(self._sole_poses, self._sole_sites, strict=True):
+            kept[:3] = self.data.site_xmat[site].reshape(3, 3)
+            kept[3] = self.data.site_xpos[site]
 
     def contact_wrenches(self) -> Array:
         """Ground wrench on each sole (2, 6): force, then moment about the sole's centre, sole axes [N, N m].
@@ -192,9 +204,8 @@ class MujocoPlant:
         Of the last physics step; zero without contact.
         """
         out = np.zeros((2, 6))
-        for i, (site, (force, moment)) in enumerate(zip(self._sole_sites, self._sole_loads(), strict=True)):
-            rotation = self.data.site_xmat[site].reshape(3, 3)
-            position = self.data.site_xpos[site]
+        for i, (pose, (force, moment)) in enumerate(zip(self._sole_poses, self._sole_loads(), strict=True)):
+            rotation, position = pose[:3], pose[3]
             out[i, :3] = rotation.T @ force
             out[i, 3:] = rotation.T @ (moment - np.cross(position, force))
         return out
@@ -228,7 +239,7 @@ class MujocoPlant:
         return loads
 
     def sole_corners(self) -> Array:
-        """World positions (2, 4, 3) of the corners of both soles at the last physics step [m]."""
+        """World positions (2, 4, 3) of the corners of both soles [m]."""
         out = np.zeros((2, 4, 3))
         signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
         for i, (sole, site) in enumerate(zip(self.robot.soles, self._sole_sites, strict=True)):
@@ -237,14 +248,14 @@ class MujocoPlant:
         return out
 
     def center_of_mass(self) -> Array:
-        """True centre of mass (3,) in the world at the last physics step [m], with the plant's own masses."""
+        """True centre of mass (3,) in the world [m], with the plant's own masses."""
         return np.array(self.data.subtree_com[1])
 
     def frame_position(self, name: str) -> Array:
-        """World position (3,) of a named frame's origin at the last physics step [m]."""
+        """World position (3,) of a named frame's origin [m]."""
         return np.array(self.data.site(name).xpos)
 
     def imu(self) -> ImuReading:
-        """Reading of the IMU at the last physics step."""
+        """Reading of the IMU during the last physics step."""
         sensor = {n: self.data.sensor(n).data.copy() for n in ("imu_gyro", "imu_accelerometer", "imu_quaternion")}
         return ImuReading(sensor["imu_gyro"], sensor["imu_accelerometer"], sensor["imu_quaternion"][[1, 2, 3, 0]])

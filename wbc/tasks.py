@@ -114,13 +114,18 @@ class FrameOrientationTask(Task):
 
 
 class FramePoseTask(Task):
-    """A frame to ``position`` (3,) and ``rotation`` (3, 3) with feed-forward ``velocity`` (6,), linear first, world."""
+    """A frame to ``position`` (3,) and ``rotation`` (3, 3), world.
+
+    Feed-forward ``velocity`` and ``acceleration``, (6,) each, linear first. ``gains`` are those of the position,
+    ``angular_gains`` those of the orientation; their acceleration gain is the same.
+    """
 
     rows = 6
 
-    def __init__(self, frame_id: int, gains: TaskGains) -> None:
-        """``frame_id`` as given by :meth:`Kinematics.frame_id`."""
+    def __init__(self, frame_id: int, gains: TaskGains, angular_gains: TaskGains | None = None) -> None:
+        """``frame_id`` as given by :meth:`Kinematics.frame_id`; ``angular_gains`` are ``gains`` if not given."""
         super().__init__(gains)
+        self.angular_gains = gains if angular_gains is None else angular_gains
         self.frame_id = frame_id
         self.position = np.zeros(3)
         self.rotation = np.eye(3)
@@ -132,7 +137,7 @@ class FramePoseTask(Task):
         rotation, position = kin.frame_placement(self.frame_id)
         command = self.velocity + self.acceleration / self.gains.acceleration_gain
         command[:3] += self.gains.correction(self.position - position)
-        command[3:] += self.gains.correction(rotation_log(self.rotation @ rotation.T))
+        command[3:] += self.angular_gains.correction(rotation_log(self.rotation @ rotation.T))
         return kin.frame_jacobian(self.frame_id), command
 
 

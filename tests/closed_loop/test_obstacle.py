@@ -46,3 +46,6 @@ def test_a_lost_obstacle_stops_the_robot() -> None:
     assert "track of obstacle 0" in summary["stop_cause"]
     # the last measurement comes at 0.283 s, and a track may be 0.2 s old
     assert summary["stop_time_s"] == pytest.approx(0.484, abs=0.003)
+    # the state is sound: the robot holds its posture and keeps its balance
+    assert not summary["fell"]
+    assert summary["foot_slide_max_m"] < 0.005

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.options import HandTrackingOptions, PlantOptions, RunOptions, StandOptions
-from experiments.results import RunResult
+from experiments.results import STOPPED, RunResult
 from experiments.session import control_config
 from experiments.stand import run_stand
 from robots.loader import load_robot
@@ -98,7 +98,7 @@ def test_faster_control_works_too(robot_name: str, rate: float) -> None:
 
 
 def test_a_measurement_that_is_not_a_number_stops_the_robot(robot_name: str) -> None:
-    """From that tick on the motors only brake; the cause names the joint, and the time is told."""
+    """From that tick on nothing is computed and the motors hold; the cause names the joint, and the time is told."""
     result = stand(robot=robot_name, duration=1.5, nan_at=0.5)
     joint = load_robot(robot_name).joint_names[0]
     assert result.summary["stop_cause"] == f"measured position of {joint} is nan"
@@ -111,12 +111,11 @@ def test_a_measurement_that_is_not_a_number_stops_the_robot(robot_name: str) -> 
     after = np.flatnonzero(series["time"] >= 0.5 - 1e-9)
     assert np.isnan(series["v_safe"][after]).all()
     assert np.isfinite(series["v_safe"][: after[0]]).all()
-    kd = load_robot(robot_name).joint_array("kd")
-    effort = load_robot(robot_name).joint_array("effort")
-    # the torque recorded at a tick acted in the physics step before it, on the rates at that step's start
-    speed = np.abs(series["v"][after[0] :, 6:]).max(axis=0)
-    braking = np.abs(series["torque"][after[2] :]).max(axis=0)
-    assert (braking <= np.minimum(1.5 * kd * speed, effort) + 1e-9).all()
+    # half a second later the motors still hold: upright, within limits, nothing touching
+    assert not result.summary["fell"]
+    assert result.summary["min_h_joint_limit_rad"] > 0
+    assert result.summary["min_h_self_collision_m"] > 0
+    assert (series["filter_status"][after] == STOPPED).all()
 
 
 def test_a_simulation_that_blows_up_ends_the_run_with_its_cause(robot_name: str) -> None:

@@ -9,13 +9,14 @@ import pytest
 
 from controllers.config import controller_config
 from controllers.reference import PointReference, WholeBodyReference, reference_here
-from controllers.supervisor import LARGEST, MAX_FAILURES, Supervisor, describe_fault
+from controllers.supervisor import FADE_TIME, HOLD_TIME, LARGEST, MAX_FAILURES, Supervisor, describe_fault
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
 from robots.pinocchio_model import standing_configuration
 from safety.filters import FilterStatus
+from safety.obstacles import Obstacle
 
 BASE_Q = ["base x", "base y", "base z", *(f"base quaternion {a}" for a in "xyzw")]
 BASE_V = [f"base {kind} velocity {a}" for kind in ("linear", "angular") for a in "xyz"]
@@ -104,15 +105,37 @@ def test_a_bad_state_stops_at_once_and_for_good(robot: RobotDescription, first: 
         assert command.stamp == state.stamp
         assert finite(command)
         np.testing.assert_array_equal(command.kd, kd)
-        for zero in (command.v, command.tau, command.kp):
-            np.testing.assert_array_equal(zero, 0)
+        np.testing.assert_array_equal(command.v, 0)
+        if first:
+            # nothing was commanded yet, so there is nothing to hold
+            np.testing.assert_array_equal(command.tau, 0)
+            np.testing.assert_array_equal(command.kp, 0)
 
 
-def test_the_stop_brakes_every_joint(robot: RobotDescription) -> None:
+def test_a_blind_stop_holds_then_fades(robot: RobotDescription) -> None:
+    supervisor, reference = supervised(robot)
+    last, _ = supervisor.tick(at_rest(robot), reference)
+    dt = supervisor.controller.config.dt
+    shares = []
+    for i in range(1, round((HOLD_TIME + FADE_TIME) / dt) + 5):
+        state = with_entry(at_rest(robot, i * dt), "q", 8, np.nan)
+        command, _ = supervisor.tick(state, reference)
+        np.testing.assert_array_equal(command.q, last.q)
+        share = float(command.kp[0] / last.kp[0])
+        np.testing.assert_allclose(command.kp, share * last.kp, rtol=1e-12, atol=0)
+        np.testing.assert_allclose(command.tau, share * last.tau, rtol=1e-12, atol=0)
+        shares.append(share)
+    held = round(HOLD_TIME / dt)
+    np.testing.assert_allclose(shares[:held], 1.0)
+    assert (np.diff(shares[held:]) <= 0).all()
+    assert np.abs(np.diff(shares)).max() <= 1.01 * dt / FADE_TIME
+    assert shares[-1] == 0.0
+
+
+def test_the_end_of_a_blind_stop_brakes_every_joint(robot: RobotDescription) -> None:
     """The motors' power is negative whatever the velocity, and no position is asked for."""
     supervisor, reference = supervised(robot)
-    supervisor.stop("test", 1.0)
-    command, _ = supervisor.tick(at_rest(robot), reference)
+    command, _ = supervisor.tick(with_entry(at_rest(robot), "q", 8, np.nan), reference)
     rng = np.random.default_rng(1)
     v = rng.standard_normal(len(robot.joints))
     anywhere = rng.uniform(-3, 3, v.size)
@@ -123,9 +146,35 @@ def test_the_stop_brakes_every_joint(robot: RobotDescription) -> None:
 
 def test_the_first_cause_is_kept() -> None:
     supervisor, _ = supervised(load_robot("g1"))
-    supervisor.stop("first", 1.0)
-    supervisor.stop("second", 2.0)
+    supervisor.hold("first", 1.0)
+    supervisor.hold("second", 2.0)
     assert (supervisor.cause, supervisor.stopped_at) == ("first", 1.0)
+
+
+def test_holding_freezes_the_references_and_keeps_computing(robot: RobotDescription) -> None:
+    """Whatever the references do after the stop, the command is that of the moment of the stop, at rest."""
+    supervisor, reference = supervised(robot)
+    still, _ = supervisor.tick(at_rest(robot, 0.0), reference)
+    supervisor.controller.reset(at_rest(robot))
+    reference.com.velocity = np.array([0.3, 0.1, 0.0])
+    supervisor.hold("test", 0.1)
+    for i in range(3):
+        held, result = supervisor.tick(at_rest(robot, 0.1 + 0.002 * i), reference)
+        assert result is not None
+        np.testing.assert_allclose(held.v, still.v, rtol=0, atol=1e-12)
+        reference.com.position = reference.com.position + 0.05
+    # a bad state while holding is a blind stop, under the first cause
+    _, result = supervisor.tick(with_entry(at_rest(robot, 0.2), "v", 0, np.nan), reference)
+    assert result is None
+    assert supervisor.cause == "test"
+
+
+def test_a_wrong_number_of_obstacles_stops_the_robot() -> None:
+    supervisor, reference = supervised(load_robot("g1"))
+    far = Obstacle.sphere(np.array([9.0, 0.0, 0.0]), 0.1)
+    _, result = supervisor.tick(at_rest(load_robot("g1")), reference, [far])
+    assert result is None
+    assert supervisor.cause == "1 obstacles are known, 0 expected"
 
 
 # --- solvers without answer
@@ -137,6 +186,7 @@ class Scripted:
     def __init__(self, supervisor: Supervisor, sound: TickResult, failing: Iterable[bool], part: str) -> None:
         self.robot = supervisor.controller.robot
         self.config = supervisor.controller.config
+        self.obstacle_count = 0
         self._sound, self._failing, self._part = sound, iter(failing), part
 
     def tick(self, *_: Any) -> TickResult:
@@ -170,7 +220,7 @@ def test_failures_in_a_row_stop_the_robot(part: str) -> None:
     assert part in supervisor.cause or part == "safety"
     command, result = supervisor.tick(state, reference)
     assert result is None
-    np.testing.assert_array_equal(command.tau, 0)
+    np.testing.assert_array_equal(command.v, 0)
 
 
 @PARTS

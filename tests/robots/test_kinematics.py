@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.errors import UnknownNameError
+from robots.errors import DescriptionError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
@@ -168,5 +168,5 @@ def test_unknown_frame_names_the_known_ones(kin: Kinematics) -> None:
 
 
 def test_unknown_posture_names_the_known_ones(kin: Kinematics) -> None:
-    with pytest.raises(UnknownNameError, match=r"unknown posture 'flying': known are .*standing"):
+    with pytest.raises(DescriptionError, match=r"posture = 'flying': must be one of .*standing"):
         standing_configuration(kin.robot, "flying")

@@ -2,12 +2,17 @@
 
 import dataclasses
 import re
+import tomllib
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 
+from controllers.config import TABLES as TUNING_TABLES
+from controllers.motions import CircleSettings, circle_settings
+from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
+from experiments.options import HandTrackingOptions
 from robots.description import ROLES, Joint
 from robots.errors import DescriptionError
 from robots.kinematics import Kinematics
@@ -61,6 +66,30 @@ def test_example_stands_with_both_soles_on_the_ground_in_both_models(example: Pa
     np.testing.assert_allclose(mass, kin.mass_matrix, rtol=0, atol=1e-12 * abs(mass).max())
 
 
+def test_example_runs_hand_tracking_with_every_motion(example: Path) -> None:
+    for motion in ("circles", "hold", "beyond-reach"):
+        check_hand_tracking(HandTrackingOptions(robot=str(example), motion=motion))
+    result = run_hand_tracking(HandTrackingOptions(robot=str(example), duration=0.3))
+    assert result.summary["stop_cause"] is None
+    assert result.summary["fell"] is False
+    assert result.summary["hand_rmse_m"] > 0
+
+
+def test_without_hand_tracking_settings_the_error_is_the_one_shown(example: Path) -> None:
+    text = example.read_text(encoding="utf-8")
+    example.write_text(text[: text.index("[posture.hands_front]")], encoding="utf-8")
+    assert set(load_robot(example).postures) == {"standing"}
+    with pytest.raises(DescriptionError) as caught:
+        check_hand_tracking(HandTrackingOptions(robot=str(example)))
+    assert str(caught.value) in PAGE
+
+
+def test_the_posture_and_start_of_hand_tracking_default_as_documented(example: Path) -> None:
+    table = tomllib.loads(example.read_text(encoding="utf-8"))["tuning"]["hand_tracking"]
+    assert "posture" not in table  # so the runs above started from the default
+    assert circle_settings(load_robot(example)).start == 1.0
+
+
 def test_the_error_shown_is_the_error_raised(example: Path) -> None:
     urdf = example.with_suffix(".urdf")
     swapped = urdf.read_text(encoding="utf-8").replace('lower="-2" upper="1"', 'lower="1" upper="-2"')
@@ -81,3 +110,11 @@ def test_every_table_field_and_role_is_documented() -> None:
         assert re.search(rf"^### `\[+{table}[.\]]", PAGE, flags=re.MULTILINE), table
     for name in (*ROLES, *JOINT_NUMBERS, *(f.name for f in dataclasses.fields(Joint))):
         assert f"`{name}`" in PAGE, name
+
+
+def test_every_tuning_table_and_field_of_hand_tracking_is_documented() -> None:
+    for table in TUNING_TABLES:
+        assert f"`[tuning.{table}]`" in PAGE, table
+    rows = re.findall(r"^\| `(\w+)` \|", PAGE.split("### `[tuning.hand_tracking]`")[1].split("###")[0], re.MULTILINE)
+    # how the speed rises is not for the description to say
+    assert set(rows) == {f.name for f in dataclasses.fields(CircleSettings)} - {"start"} | {"posture"}

@@ -325,6 +325,8 @@ def test_at_rest_each_centre_of_pressure_lies_in_its_sole(standing: MujocoPlant)
 
 
 def test_at_rest_the_imu_reads_gravity_upward_and_no_rate(standing: MujocoPlant) -> None:
+    # sensors belong to the start of the last step, frames to its end: bring both to one instant
+    mujoco.mj_forward(standing.model, standing.data)
     reading = standing.imu()
     rotation = rotation_from_quaternion(reading.quaternion)
     np.testing.assert_allclose(rotation @ reading.accelerometer, -DOWN, atol=1e-2)
@@ -389,8 +391,8 @@ def momentum(plant: MujocoPlant) -> tuple[Array, Array]:
 def net_load(plant: MujocoPlant) -> tuple[Array, Array]:
     """World force and moment about the world's origin from the wrenches in sole axes."""
     force, moment = np.zeros(3), np.zeros(3)
-    for site, wrench in zip(plant._sole_sites, plant.contact_wrenches(), strict=True):
-        rotation, position = plant.data.site_xmat[site].reshape(3, 3), plant.data.site_xpos[site]
+    for pose, wrench in zip(plant._sole_poses, plant.contact_wrenches(), strict=True):
+        rotation, position = pose[:3], pose[3]
         f = rotation @ wrench[:3]
         force += f
         moment += rotation @ wrench[3:] + np.cross(position, f)
@@ -477,3 +479,18 @@ def test_an_unknown_link_is_refused_with_the_known_ones(robot: RobotDescription)
     with pytest.raises((ConfigError, UnknownNameError), match="tail") as caught:
         make_plant(robot, changes=PhysicalChanges(link_mass_scale={"tail": 2.0}))
     assert robot.bodies[-1].name in str(caught.value)
+
+
+def test_frames_and_centre_of_mass_belong_to_the_state_just_reached(robot: RobotDescription) -> None:
+    """A robot thrown through the air: positions read from the plant are those of its own configuration."""
+    plant = make_plant(robot)
+    tumble(plant, np.random.default_rng(3))
+    kin = Kinematics(robot)
+    for _ in range(5):
+        plant.step()
+        state = plant.true_state()
+        kin.update(state.q, state.v)
+        hand = robot.roles["left_hand"]
+        expected = kin.frame_placement(kin.frame_id(hand))[1]
+        np.testing.assert_allclose(plant.frame_position(hand), expected, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(plant.center_of_mass(), kin.com, rtol=0, atol=1e-10)

@@ -1,0 +1,233 @@
+"""Every option of a run reaches controller and plant, and what is recorded as true is true."""
+
+from dataclasses import fields, replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from controllers.config import controller_config
+from controllers.whole_body import WholeBodyController
+from experiments.hand_tracking import run_hand_tracking
+from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, StandOptions
+from experiments.session import STANDARD_NOISE, control_config, plant_config
+from experiments.stand import run_stand
+from robots.description import RobotDescription
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import Array, MotorCommand
+from robots.mujoco_spec import PhysicalChanges
+from robots.pinocchio_model import standing_configuration
+from safety.barriers import standard_barriers
+from sims.plant import MujocoPlant, PlantConfig, SensorNoise
+
+# --- controller
+
+
+@pytest.mark.parametrize("name", ["alpha", "epsilon"])
+def test_alpha_and_epsilon_are_those_of_self_collision(robot: RobotDescription, name: str) -> None:
+    """Each sets its own, and nothing else of the robot's tuning."""
+    plain = control_config(robot, RunOptions())
+    assert plain == controller_config(robot)
+    config = control_config(robot, RunOptions(safety=FilterOptions(**{name: 17.5})))
+    field = f"self_collision_{name}"
+    assert getattr(plain.safety, field) != 17.5
+    assert config == replace(plain, safety=replace(plain.safety, **{field: 17.5}))
+
+
+def test_both_at_once_and_the_filter_s_name(robot: RobotDescription) -> None:
+    config = control_config(robot, RunOptions(safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75)))
+    assert (config.safety.self_collision_alpha, config.safety.self_collision_epsilon) == (3.25, 0.75)
+    assert config.filter == "cbf"
+
+
+@pytest.mark.parametrize("rate", [200.0, 250.0, 1000.0])
+def test_the_control_rate_sets_the_period(robot: RobotDescription, rate: float) -> None:
+    assert control_config(robot, RunOptions(control_rate=rate)).dt == pytest.approx(1 / rate, rel=1e-12)
+
+
+# --- plant
+
+
+def plant_of(robot: RobotDescription, rng: np.random.Generator | None = None, **options: Any) -> MujocoPlant:
+    plant = MujocoPlant(robot, plant_config(PlantOptions(**options)), rng or np.random.default_rng(0))
+    plant.reset(standing_configuration(robot))
+    return plant
+
+
+def torso_of(robot: RobotDescription) -> str:
+    return robot.frame(robot.roles["torso"]).body
+
+
+def test_every_plant_option_reaches_the_plant_s_configuration() -> None:
+    options = PlantOptions(
+        mass_scale=1.1,
+        link_mass={"torso_link": 1.3},
+        com_shift=(0.01, -0.02, 0.03),
+        friction=0.45,
+        joint_friction_scale=1.7,
+        armature_scale=0.6,
+        actuator_delay=0.004,
+        noise_scale=2.5,
+        physics_dt=0.0005,
+    )
+    defaults = PlantOptions()
+    assert all(getattr(options, f.name) != getattr(defaults, f.name) for f in fields(PlantOptions))
+    config = plant_config(options)
+    assert config.changes == PhysicalChanges(
+        mass_scale=1.1,
+        link_mass_scale={"torso_link": 1.3},
+        com_shift=(0.01, -0.02, 0.03),
+        sole_friction=0.45,
+        joint_friction_scale=1.7,
+        armature_scale=0.6,
+    )
+    assert (config.dt, config.actuator_delay) == (0.0005, 0.004)
+    for f in fields(SensorNoise):
+        standard = getattr(STANDARD_NOISE, f.name)
+        assert standard > 0
+        assert getattr(config.noise, f.name) == pytest.approx(2.5 * standard, rel=1e-12)
+    assert plant_config(defaults) == PlantConfig()
+
+
+def test_masses_reach_the_compiled_model(robot: RobotDescription) -> None:
+    torso = torso_of(robot)
+    plain, changed = plant_of(robot).model, plant_of(robot, mass_scale=1.1, link_mass={torso: 1.3}).model
+    scale = np.full(plain.nbody, 1.1)
+    scale[mujoco.mj_name2id(plain, mujoco.mjtObj.mjOBJ_BODY, torso)] *= 1.3
+    np.testing.assert_allclose(changed.body_mass, scale * plain.body_mass, rtol=1e-12)
+    np.testing.assert_allclose(changed.body_inertia, scale[:, None] * plain.body_inertia, rtol=1e-9)
+
+
+def test_the_com_shift_reaches_the_compiled_model(robot: RobotDescription) -> None:
+    shift = (0.01, -0.02, 0.03)
+    plain, changed = plant_of(robot).model, plant_of(robot, com_shift=shift).model
+    expected = np.zeros((plain.nbody, 3))
+    expected[mujoco.mj_name2id(plain, mujoco.mjtObj.mjOBJ_BODY, torso_of(robot))] = shift
+    np.testing.assert_allclose(changed.body_ipos - plain.body_ipos, expected, rtol=0, atol=1e-12)
+
+
+def test_friction_reaches_floor_and_soles(robot: RobotDescription) -> None:
+    model = plant_of(robot, friction=0.45).model
+    for name in ("floor", *(f"{s.frame}_contact" for s in robot.soles)):
+        assert model.geom(name).friction[0] == pytest.approx(0.45)
+
+
+def test_the_joints_friction_and_armature_reach_the_compiled_model(robot: RobotDescription) -> None:
+    plain = plant_of(robot).model
+    rough, light = (plant_of(robot, **{n: 0.3}).model for n in ("joint_friction_scale", "armature_scale"))
+    assert plain.dof_armature[6:].min() > 0
+    assert plain.dof_damping.max() + plain.dof_frictionloss.max() > 0
+    for name, scaled, other in (
+        ("dof_damping", rough, light),
+        ("dof_frictionloss", rough, light),
+        ("dof_armature", light, rough),
+    ):
+        np.testing.assert_allclose(getattr(scaled, name), 0.3 * getattr(plain, name), rtol=1e-12)
+        np.testing.assert_array_equal(getattr(other, name), getattr(plain, name))
+
+
+def test_the_physics_step_reaches_the_simulation(robot: RobotDescription) -> None:
+    plant = plant_of(robot, physics_dt=0.0005)
+    assert plant.model.opt.timestep == 0.0005
+    for _ in range(4):
+        plant.step()
+    assert plant.time == pytest.approx(0.002)
+
+
+@pytest.mark.parametrize(("delay", "steps"), [(0.0, 0), (0.003, 6), (0.005, 10)])
+def test_torques_come_after_the_actuator_delay(robot: RobotDescription, delay: float, steps: int) -> None:
+    plant = plant_of(robot, physics_dt=0.0005, actuator_delay=delay)
+    zero = np.zeros(len(robot.joints))
+    plant.send(MotorCommand(zero, zero, zero + 1.0, zero, zero, 0.0))
+    for _ in range(steps):
+        plant.step()
+        np.testing.assert_array_equal(plant.torque, 0.0)
+    plant.step()
+    np.testing.assert_array_equal(plant.torque, 1.0)
+
+
+def test_the_noise_scale_scales_every_measurement(robot: RobotDescription) -> None:
+    """The same random numbers: deviations of position and velocity are in proportion, zero without noise."""
+
+    def deviation(scale: float) -> tuple[Array, Array]:
+        plant = plant_of(robot, rng=np.random.default_rng(5), noise_scale=scale)
+        true, measured = plant.true_state(), plant.measured_state()
+        # the base's orientation turns: to first order only in proportion
+        return np.delete(measured.q - true.q, slice(3, 7)), measured.v - true.v
+
+    for none, once, thrice in zip(deviation(0.0), deviation(1.0), deviation(3.0), strict=True):
+        np.testing.assert_array_equal(none, 0.0)
+        assert (once != 0.0).all()
+        np.testing.assert_allclose(thrice, 3.0 * once, rtol=0, atol=1e-14)
+
+
+# --- runs
+
+
+def test_a_run_uses_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Plant, controller and random numbers of a run are made from its options, not from defaults."""
+    made: dict[str, list[Any]] = {"plants": [], "controllers": [], "states": []}
+    make_plant, make_controller = MujocoPlant.__init__, WholeBodyController.__init__
+
+    def plant(self: MujocoPlant, robot: Any, config: PlantConfig, rng: np.random.Generator) -> None:
+        made["states"].append(rng.bit_generator.state)
+        make_plant(self, robot, config, rng)
+        made["plants"].append(self)
+
+    def controller(self: WholeBodyController, *args: Any, **kwargs: Any) -> None:
+        make_controller(self, *args, **kwargs)
+        made["controllers"].append(self)
+
+    monkeypatch.setattr(MujocoPlant, "__init__", plant)
+    monkeypatch.setattr(WholeBodyController, "__init__", controller)
+    options = StandOptions(
+        duration=0.1,
+        control_rate=250.0,
+        seed=11,
+        plant=PlantOptions(mass_scale=1.05, friction=0.7, noise_scale=0.5, physics_dt=0.002),
+        safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75),
+    )
+    result = run_stand(options)
+    assert [p.config for p in made["plants"]] == [plant_config(options.plant)]
+    assert made["states"] == [np.random.default_rng(11).bit_generator.state]
+    expected = control_config(load_robot("g1"), options)
+    assert made["controllers"]
+    for c in made["controllers"]:
+        assert c.config == expected
+        assert c.filter.name == "cbf"
+        assert c.filter.parameters.self_collision.alpha == 3.25
+        assert c.filter.parameters.self_collision.epsilon == 0.75
+    np.testing.assert_allclose(np.diff(result.series["time"]), 0.004, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.diff(result.series["step_time"]), 0.002, rtol=0, atol=1e-12)
+
+
+def test_recorded_barriers_are_those_of_the_true_state(robot_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With strong noise on what the controller sees, values at tick instants are those of the plant's own state."""
+    simulated: list[Array] = []
+    send = MujocoPlant.send
+
+    def spy(self: MujocoPlant, command: MotorCommand) -> None:
+        simulated.append(self.data.qpos.copy())
+        send(self, command)
+
+    monkeypatch.setattr(MujocoPlant, "send", spy)
+    options = HandTrackingOptions(robot=robot_name, duration=0.3, plant=PlantOptions(noise_scale=3.0))
+    series = run_hand_tracking(options).series
+    qpos = np.array(simulated)
+    assert len(qpos) == len(series["time"]) == 150
+    # MuJoCo's quaternion is w, x, y, z
+    np.testing.assert_array_equal(series["q"], qpos[:, [0, 1, 2, 4, 5, 6, 3, *range(7, qpos.shape[1])]])
+    kin = Kinematics(load_robot(robot_name))
+    barriers = standard_barriers(kin)
+    cut = barriers.slices
+    for i in range(1, 150):
+        kin.update(series["q"][i], np.zeros(kin.nv))
+        h = barriers.evaluate(kin).h
+        step = 2 * i - 1
+        assert series["step_time"][step] == pytest.approx(series["time"][i], abs=1e-9)
+        distances = h[cut["self_collision"].start : cut["leg_collision"].stop]
+        np.testing.assert_allclose(series["h_self_collision"][step], distances, rtol=1e-6, atol=1e-7)
+        np.testing.assert_allclose(series["h_joint_limit"][step], h[cut["joint_limit"]].min(), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(series["h_workspace"][step], h[cut["workspace"]], rtol=0, atol=1e-12)

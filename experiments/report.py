@@ -20,9 +20,6 @@ Frames = Sequence[tuple[float, bytes]]
 LARGEST_EMBEDDED_VIDEO = 8_000_000
 """Films above this size [bytes] stay beside the report and are linked."""
 
-FALLEN_SHARE = 0.6
-"""A centre of mass below this share of its first height counts as a fall, where the summary does not say."""
-
 CAPTIONS = (
     ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
     ("Obstacle", plots.obstacle_plot, "Distance between the obstacle and the closest body; below zero they overlap."),
@@ -140,11 +137,8 @@ def verdict(result: RunResult) -> list[tuple[bool, str]]:
 
 
 def _upright(result: RunResult) -> tuple[bool, str]:
-    time, height = result.series["time"], result.series["com"][:, 2]
-    fell = result.summary.get("fell")
-    if fell is None:
-        fell = not bool(height[-1] > FALLEN_SHARE * height[0])  # also where the height is not a number
-    end = f"{float(time[-1]):.1f} s"
+    fell = result.summary["fell"]
+    end = f"{float(result.series['time'][-1]):.1f} s"
     return (False, f"fell over; the run ended after {end}") if fell else (True, f"stayed upright for {end}")
 
 

@@ -23,11 +23,8 @@ FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed", "stopped")
 
 STOPPED = FILTER_STATUSES.index("stopped")
 
-FILTER_TITLES = {
-    "none": "no filter", "cbf": "CBF", "issf": "ISSf-CBF", "issfcbf": "ISSf-CBF", "ecbf": "eCBF", "ssa": "SSA",
-    "rssa": "r-SSA", "pssa": "p-SSA", "sss": "SSS", "pfm": "PFM", "sma": "SMA",
-}  # fmt: skip
-"""Filters as a reader knows them, by name in small letters without dashes."""
+FILTER_TITLES = {"none": "no filter", "cbf": "CBF", "issf": "ISSf-CBF"}
+"""Filters as a reader knows them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +50,7 @@ class RunResult:
     Attributes:
         robot: the robot that ran.
         config: the resolved configuration; JSON-able, ``config["robot"]`` is what :func:`load_robot` takes.
-        summary: figures of merit, flat and JSON-able, in the order to show them. A unit ends a key: ``_mm``, ``_ms``,
-            ``_s``, ``_deg``, ``_percent`` and so on.
+        summary: figures of merit, JSON-able, flat but for ``versions``; ``docs/output.md`` explains each.
         series: arrays by name, as above.
     """
 
@@ -150,12 +146,7 @@ def setting(config: Mapping[str, Any], name: str) -> Any:
 def filter_title(result: RunResult) -> str:
     """The filter of a run as a reader knows it, for example ``ISSf-CBF``."""
     chosen = setting(result.config, "filter")
-    if isinstance(chosen, Mapping):
-        chosen = next((chosen[key] for key in ("name", "kind", "type") if key in chosen), None)
-    if chosen is None:
-        return result.robot.title
-    plain_name = str(chosen).lower().replace("-", "").replace("_", "")
-    return FILTER_TITLES.get(plain_name, str(chosen))
+    return result.robot.title if chosen is None else FILTER_TITLES.get(chosen, str(chosen))
 
 
 def run_title(result: RunResult) -> str:

@@ -28,6 +28,9 @@ from robots.loader import load_robot
 ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (0.9, 1.0, 1.2)
 
+PAYLOAD = 0.5
+"""Mass that the model does not know of, at each hand [kg]."""
+
 STAND_COLUMNS = (
     Figure("robot", "robot"),
     Figure("mass_scale", "mass"),
@@ -63,11 +66,12 @@ def table(options: TableOptions) -> int:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
         done = _run_all([run for group, _ in groups.values() for run in group], options.jobs, console)
-        for title, (group, columns) in groups.items():
+        for i, (title, (group, columns)) in enumerate(groups.items()):
             results = [next(done) for _ in group]
             for run, result in zip(group, results, strict=True):
-                save_result(result, folder / run_folder(run))
-            print(f"### {title}\n\n{markdown([r.summary for r in results], columns)}\n")
+                save_result(result, folder / f"{i + 1}-{run_folder(run)}")
+            rows = [{**r.summary, "case": describe_case(run)} for run, r in zip(group, results, strict=True)]
+            print(f"### {title}\n\n{markdown(rows, columns)}\n")
     console.print(f"runs: {folder}")
     return 0
 
@@ -89,7 +93,34 @@ def _one(options: RunOptions) -> RunResult:
 def run_folder(options: RunOptions) -> str:
     """Name of the folder of one run: robot, filter, then the motion of the hands, or ``stand`` and the mass scale."""
     motion = options.motion if isinstance(options, HandTrackingOptions) else f"stand-{options.plant.mass_scale:g}"
-    return f"{options.robot}-{options.safety.filter}-{motion}"
+    case = f"-{describe_case(options)}" if options.plant.link_mass or options.plant.noise_scale else ""
+    case += f"-epsilon-{options.safety.epsilon:g}" if options.safety.epsilon is not None else ""
+    return f"{options.robot}-{options.safety.filter}-{motion}{case}".replace(" ", "-").replace(",", "")
+
+
+def describe_case(options: RunOptions) -> str:
+    """What differs between the plant and the model, in words."""
+    plant = options.plant
+    words = [f"noise x{plant.noise_scale:g}"] if plant.noise_scale else []
+    words += [f"delay {1e3 * plant.actuator_delay:g} ms"] if plant.actuator_delay else []
+    words += [f"payload {PAYLOAD:g} kg a hand"] if plant.link_mass else []
+    words += [f"mass x{plant.mass_scale:g}"] if plant.mass_scale != 1 else []
+    return ", ".join(words)
+
+
+def other_differences() -> list[RunOptions]:
+    """Noise and delay; a payload in each hand at the usual and at a smaller epsilon."""
+    out: list[RunOptions] = []
+    for name in ROBOTS:
+        noisy = PlantOptions(mass_scale=1.2, noise_scale=1.0, actuator_delay=0.004)
+        out.append(HandTrackingOptions(robot=name, plant=noisy))
+        robot = load_robot(name)
+        mass = {b.name: b.mass for b in robot.bodies}
+        hands = [robot.frame(robot.roles[r]).body for r in ("left_hand", "right_hand")]
+        loaded = PlantOptions(link_mass={h: 1.0 + PAYLOAD / mass[h] for h in hands})
+        for epsilon in (None, 0.5):
+            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=FilterOptions(epsilon=epsilon)))
+    return out
 
 
 def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
@@ -113,6 +144,7 @@ def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
         for run in hands
         if isinstance(run, HandTrackingOptions)
     ]
+    case = (HAND_COLUMNS[0], Figure("case", "robot differs by"), Figure("epsilon", "epsilon"), *HAND_COLUMNS[2:])
     return {
         "Standing for 10 s": (stand, STAND_COLUMNS),
         "Hand circles through the torso, +20 % mass, 12 s": (hands, HAND_COLUMNS),
@@ -121,6 +153,7 @@ def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
             sphere,
             (*HAND_COLUMNS[:3], Figure("min_h_obstacle_m", "min h obstacle", "mm", 1e3), *HAND_COLUMNS[3:]),
         ),
+        "Hand circles, other differences between robot and model, ISSf-CBF, 12 s": (other_differences(), case),
     }
 
 

@@ -9,14 +9,15 @@ import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from importlib import metadata
 from pathlib import Path
 
 import pytest
 
 import experiments.options as options_module
 from controllers.whole_body import STAGES
-from experiments import cli, console
-from experiments.options import OutputOptions
+from experiments import cli, console, table
+from experiments.options import OutputOptions, PlantOptions, RunOptions, StandOptions
 from experiments.results import load_result
 from robots.loader import load_robot
 
@@ -213,6 +214,52 @@ def test_a_description_that_is_broken_is_refused_by_entry(safewbc: CommandLine) 
     assert all(f.endswith(".toml") for f in safewbc.files())
 
 
+def test_a_missing_posture_is_told_with_file_and_table(safewbc: CommandLine) -> None:
+    source = (ROOT / "robots" / "data" / "g1.toml").read_text(encoding="utf-8")
+    (safewbc.folder / "mine.toml").write_text(source.replace("posture.hands_front", "posture.other"), encoding="utf-8")
+    outcome = safewbc("run", "hand-tracking", "--robot", "mine.toml")
+    assert outcome.code == 2
+    for part in ("mine.toml", "'hands_front'", "one of other, standing", "[posture.hands_front]"):
+        assert part in outcome.err
+    assert outcome.err.count("\n") == 1
+
+
+def in_a_process(folder: Path, *arguments: str, **variables: str) -> Outcome:
+    """The command in a process of its own, in ``folder``, with further environment variables."""
+    command = [sys.executable, "-c", "from experiments.cli import main; main()", *arguments]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)} | variables
+    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return Outcome(done.returncode, done.stdout, done.stderr)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [("run", "stand"), ("run", "hand-tracking"), ("demo",), ("bench", "tick"), ("table",)],
+    ids=" ".join,
+)
+def test_an_opengl_that_mujoco_does_not_know_is_refused_in_one_line(tmp_path: Path, arguments: Sequence[str]) -> None:
+    """In a process of its own: MuJoCo reads the variable once, when it is imported."""
+    outcome = in_a_process(tmp_path, *arguments, MUJOCO_GL="paint")
+    assert outcome.code == 2
+    assert outcome.out == ""
+    assert outcome.err.startswith("safewbc: environment variable MUJOCO_GL = 'paint': must be unset, disable")
+    assert outcome.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_doctor_reports_an_opengl_that_mujoco_does_not_know(tmp_path: Path) -> None:
+    outcome = in_a_process(tmp_path, "doctor", MUJOCO_GL="paint")
+    assert outcome.code == 1
+    (line,) = [line for line in outcome.out.splitlines() if line.startswith("FAIL")]
+    assert "MUJOCO_GL = 'paint'" in line
+    assert "Traceback" not in outcome.err
+
+
+def test_the_version_is_that_of_the_distribution(safewbc: CommandLine) -> None:
+    outcome = safewbc("--version")
+    assert (outcome.code, outcome.out, outcome.err) == (0, f"safewbc {metadata.version('safewbc')}\n", "")
+
+
 # --- runs
 
 
@@ -380,9 +427,34 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     outcome = safewbc("doctor")
     assert outcome.code == 0, outcome.out
     assert "FAIL" not in outcome.out
-    for name in ("imports", "robots", "solvers", "kernels", "results"):
+    for name in ("imports", "mujoco", "robots", "solvers", "kernels", "results"):
         assert f"ok   {name}" in outcome.out
     assert safewbc.files() == []
+
+
+def test_every_run_of_the_table_has_a_folder_that_tells_what_it_is() -> None:
+    folders = [table.run_folder(run) for group, _ in table.runs().values() for run in group]
+    assert len(set(folders)) == len(folders)
+    assert {"g1-issf-stand-1.2", "tocabi-none-circles", "g1-issf-beyond-reach", "tocabi-cbf-hold"} <= set(folders)
+
+
+def test_the_table_takes_no_option_that_it_ignores(safewbc: CommandLine) -> None:
+    outcome = safewbc("table", "--help")
+    assert outcome.code == 0
+    assert "--out" in outcome.out
+    assert "runs/table-<time>" in outcome.out
+    for name in ("--report", "--video"):
+        assert name not in outcome.out
+
+
+def test_the_table_saves_every_run_in_its_folder(safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
+    group: list[RunOptions] = [StandOptions(duration=0.1, plant=PlantOptions(mass_scale=m)) for m in (1.0, 1.2)]
+    monkeypatch.setattr(table, "runs", lambda: {"Short": (group, table.STAND_COLUMNS)})
+    outcome = safewbc("table", "--jobs", "1", "--out", "t")
+    assert outcome.code == 0, outcome.err
+    assert "### Short" in outcome.out
+    for scale, name in ((1.0, "g1-issf-stand-1"), (1.2, "g1-issf-stand-1.2")):
+        assert load_result(safewbc.folder / "t" / name).summary["mass_scale"] == scale
 
 
 def test_bench_prints_and_writes_every_stage(safewbc: CommandLine) -> None:

@@ -1,0 +1,133 @@
+"""docs/output.md names every file, figure and array of a run, with the shapes and orders that a run has."""
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from controllers.whole_body import STAGES
+from experiments.hand_tracking import run_hand_tracking
+from experiments.options import HandTrackingOptions, StandOptions
+from experiments.results import FILTER_STATUSES, RunResult, save_result
+from experiments.stand import run_stand
+from robots.kinematics import Kinematics
+from safety.barriers import BarrierSet, CollisionBodies, SelfCollisionBarrier
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "output.md").read_text(encoding="utf-8")
+
+
+def rows(section: str) -> dict[str, list[str]]:
+    """Cells of every table row of a section by the name in its first cell, which stands there once."""
+    text = PAGE.split(f"\n## {section}\n")[1].split("\n## ")[0]
+    found = [[c.strip() for c in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| `")]
+    names = [cells[0].strip("`") for cells in found]
+    assert len(set(names)) == len(names)
+    return {name: cells[1:] for name, cells in zip(names, found, strict=True)}
+
+
+@pytest.fixture(scope="module")
+def hands() -> RunResult:
+    """A run with everything in it: a hand task and an obstacle."""
+    return run_hand_tracking(HandTrackingOptions(duration=0.3, motion="hold", obstacle=True))
+
+
+@pytest.fixture(scope="module")
+def stand() -> RunResult:
+    """A run without either."""
+    return run_stand(StandOptions(duration=0.2))
+
+
+def test_every_figure_is_in_the_page_and_nothing_else(hands: RunResult) -> None:
+    assert set(rows("summary.json")) == set(hands.summary)
+
+
+def test_figures_that_standing_lacks_are_marked_absent(hands: RunResult, stand: RunResult) -> None:
+    said = {name for name, cells in rows("summary.json").items() if "absent without a hand task" in cells[-1]}
+    assert said == set(hands.summary) - set(stand.summary)
+
+
+def test_figures_that_do_not_apply_are_said_to_be_null(hands: RunResult, stand: RunResult) -> None:
+    page = rows("summary.json")
+    for summary in (hands.summary, stand.summary):
+        for name, value in summary.items():
+            if value is None:
+                assert "`null`" in page[name][-1], name
+
+
+def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(hands: RunResult) -> None:
+    page, robot = rows("series.npz"), hands.robot
+    assert set(page) == set(hands.series)
+    nj = len(robot.joints)
+    sizes = {
+        "T": 150,
+        "P": 300,
+        "nj": nj,
+        "nq": 7 + nj,
+        "nv": 6 + nj,
+        "pairs": len(robot.self_collision_pairs),
+        "bounds": len(robot.workspace),
+        "K": len(hands.series["support_polygon"]),
+    }
+    for name, values in hands.series.items():
+        shape = tuple(sizes.get(n) or int(n) for n in re.findall(r"\w+", page[name][0]))
+        assert values.shape == shape, name
+
+
+def test_arrays_that_standing_lacks_are_marked(hands: RunResult, stand: RunResult) -> None:
+    page = rows("series.npz")
+    assert set(stand.series) < set(hands.series)
+    for name in set(hands.series) - set(stand.series):
+        conditions = ("only with a hand task", "only with `--obstacle`")
+        # three arrays of the hands are covered by the sentence at the first
+        assert any(c in page[name][-1] for c in conditions) or name in {"left_hand_ref", "right_hand", "right_hand_ref"}
+
+
+def test_codes_and_stages_are_in_the_page_in_their_order() -> None:
+    page = rows("series.npz")
+    codes = re.findall(r"(\d) (\w+)", page["filter_status"][-1])
+    assert codes == [(str(i), name) for i, name in enumerate(FILTER_STATUSES)]
+    assert re.findall(r"`(\w+)`", page["stages"][-1]) == list(STAGES)
+
+
+def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: RunResult) -> None:
+    """Each column of the last step against the distance of the two bodies that the page says it belongs to."""
+    robot = hands.robot
+    legs = robot.leg_pairs
+    assert robot.self_collision_pairs[-len(legs) :] == legs
+    kin = Kinematics(robot)
+    kin.update_geometry(hands.series["q"][-1])
+    bodies = CollisionBodies(kin)
+    barrier = SelfCollisionBarrier("self_collision", bodies, robot.self_collision_pairs)
+    h = BarrierSet(kin, bodies, [barrier]).evaluate(kin).h
+    step = int(np.searchsorted(hands.series["step_time"], hands.series["time"][-1] - 1e-9))
+    np.testing.assert_allclose(hands.series["h_self_collision"][step], h, rtol=1e-6, atol=1e-9)
+
+
+def test_the_example_of_the_page_finds_the_barrier_by_name(
+    hands: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (code,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+    save_result(hands, tmp_path / "runs" / "mine")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "agg")
+    exec(compile(code, "docs/output.md", "exec"), {})
+    column = hands.robot.self_collision_pairs.index(("left_hand", "torso_low"))
+    smallest = hands.series["h_self_collision"][:, column].min()
+    assert f"smallest barrier {1e3 * smallest:.1f} mm" in capsys.readouterr().out
+    assert (tmp_path / "hand_torso.png").stat().st_size > 0
+
+
+def test_files_of_a_run_are_in_the_page(hands: RunResult, tmp_path: Path) -> None:
+    save_result(hands, tmp_path)
+    page = rows("Files")
+    assert set(page) == {p.name for p in tmp_path.iterdir()} | {"report.html", "video.mp4"}
+    config = json.loads((tmp_path / "config.json").read_text(encoding="utf-8"))
+    for name in config:
+        assert f"`{name}`" in page["config.json"][0], name
+
+
+def test_steps_and_ticks_share_one_clock(hands: RunResult) -> None:
+    np.testing.assert_allclose(hands.series["time"], 0.002 * np.arange(150), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(hands.series["step_time"], 0.001 * np.arange(1, 301), rtol=0, atol=1e-12)

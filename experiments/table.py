@@ -66,10 +66,10 @@ def table(options: TableOptions) -> int:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
         done = _run_all([run for group, _ in groups.values() for run in group], options.jobs, console)
-        for i, (title, (group, columns)) in enumerate(groups.items()):
+        for title, (group, columns) in groups.items():
             results = [next(done) for _ in group]
             for run, result in zip(group, results, strict=True):
-                save_result(result, folder / f"{i + 1}-{run_folder(run)}")
+                save_result(result, folder / run_folder(run))
             rows = [{**r.summary, "case": describe_case(run)} for run, r in zip(group, results, strict=True)]
             print(f"### {title}\n\n{markdown(rows, columns)}\n")
     console.print(f"runs: {folder}")

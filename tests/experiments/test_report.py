@@ -249,6 +249,7 @@ def test_colours_run_from_blue_to_orange_and_jump_to_red() -> None:
     assert tuple(colour(np.nan)) == INSIDE
 
 
+@pytest.mark.rendering
 def test_key_frames_hold_the_smallest_barrier() -> None:
     result = make_result(ticks=100)
     frames = key_frames(result)
@@ -262,11 +263,13 @@ def test_key_frames_hold_the_smallest_barrier() -> None:
     assert sizes == {(420, 480)}
 
 
+@pytest.mark.rendering
 @pytest.mark.parametrize(("ticks", "count"), [(0, 0), (1, 1), (3, 3)])
 def test_short_runs_have_fewer_key_frames(ticks: int, count: int) -> None:
     assert len(key_frames(make_result(ticks=ticks))) == count
 
 
+@pytest.mark.rendering
 def test_a_film_lasts_as_long_as_the_longest_run(pair: list[RunResult], tmp_path: Path) -> None:
     path = make_video(pair, tmp_path / "film.mp4", fps=10)
     assert path is not None

@@ -83,12 +83,14 @@ def standing_height(robot: RobotDescription) -> float:
     return max(tops)
 
 
+@pytest.mark.rendering
 def test_an_image_has_the_size_asked_for(renderer: RobotRenderer) -> None:
     image = renderer.image(standing_configuration(renderer.robot))
     assert image.shape == (HEIGHT, WIDTH, 3)
     assert image.dtype == np.uint8
 
 
+@pytest.mark.rendering
 def test_an_image_does_not_depend_on_the_one_before(robot: RobotDescription) -> None:
     q = standing_configuration(robot)
     far = q.copy()
@@ -100,6 +102,7 @@ def test_an_image_does_not_depend_on_the_one_before(robot: RobotDescription) -> 
         np.testing.assert_array_equal(fresh.image(q), first)
 
 
+@pytest.mark.rendering
 def test_a_moved_joint_changes_the_image(renderer: RobotRenderer) -> None:
     q = standing_configuration(renderer.robot)
     moved = q.copy()
@@ -107,6 +110,7 @@ def test_a_moved_joint_changes_the_image(renderer: RobotRenderer) -> None:
     assert (renderer.image(q) != renderer.image(moved)).any(axis=2).sum() > 100
 
 
+@pytest.mark.rendering
 def test_the_colours_asked_for_are_in_the_image(renderer: RobotRenderer) -> None:
     robot, q = renderer.robot, standing_configuration(renderer.robot)
     assert is_red(renderer.image(q, painted(robot, RED, RED))).sum() > 0.04 * WIDTH * HEIGHT
@@ -114,6 +118,7 @@ def test_the_colours_asked_for_are_in_the_image(renderer: RobotRenderer) -> None
     assert not is_red(renderer.image(q)).any()
 
 
+@pytest.mark.rendering
 @pytest.mark.parametrize("yaw", [0.0, 0.5])
 def test_a_body_is_drawn_where_pinocchio_places_it(renderer: RobotRenderer, yaw: float) -> None:
     robot = renderer.robot
@@ -132,6 +137,7 @@ def test_a_body_is_drawn_where_pinocchio_places_it(renderer: RobotRenderer, yaw:
     assert red.sum() < 0.03 * red.size
 
 
+@pytest.mark.rendering
 def test_the_default_view_follows_the_base(renderer: RobotRenderer) -> None:
     q = standing_configuration(renderer.robot)
     far = q.copy()
@@ -145,6 +151,7 @@ def test_the_default_view_follows_the_base(renderer: RobotRenderer) -> None:
     assert (is_red(renderer.image(far, colours, fixed)) != here).sum() > 0.5 * here.sum()
 
 
+@pytest.mark.rendering
 def test_a_marker_is_drawn_at_its_point(renderer: RobotRenderer) -> None:
     q = standing_configuration(renderer.robot)
     camera = Camera(look_at=(0.0, 0.0))
@@ -155,11 +162,13 @@ def test_a_marker_is_drawn_at_its_point(renderer: RobotRenderer) -> None:
     assert not is_green(renderer.image(q, camera=camera)).any()
 
 
+@pytest.mark.rendering
 def test_more_markers_than_the_scene_holds_are_refused(renderer: RobotRenderer) -> None:
     with pytest.raises(ConfigError, match="markers"):
         renderer.image(standing_configuration(renderer.robot), markers=np.zeros((1000, 3)))
 
 
+@pytest.mark.rendering
 def test_two_renderers_do_not_disturb_each_other(renderer: RobotRenderer) -> None:
     q = standing_configuration(renderer.robot)
     alone = renderer.image(q)
@@ -170,6 +179,7 @@ def test_two_renderers_do_not_disturb_each_other(renderer: RobotRenderer) -> Non
     np.testing.assert_array_equal(renderer.image(q), alone)
 
 
+@pytest.mark.rendering
 def test_wrong_shapes_are_named(renderer: RobotRenderer) -> None:
     q = standing_configuration(renderer.robot)
     with pytest.raises(ConfigError, match=r"q = \(3,\)"):
@@ -178,6 +188,7 @@ def test_wrong_shapes_are_named(renderer: RobotRenderer) -> None:
         renderer.image(q, np.zeros((1, 3)))
 
 
+@pytest.mark.rendering
 def test_a_closed_renderer_says_so(robot: RobotDescription) -> None:
     with RobotRenderer(robot, 32, 32) as made:
         pass
@@ -186,6 +197,7 @@ def test_a_closed_renderer_says_so(robot: RobotDescription) -> None:
         made.image(standing_configuration(robot))
 
 
+@pytest.mark.rendering
 def test_rendering_works_whoever_imported_mujoco_first() -> None:
     code = (
         "import mujoco, numpy\n"

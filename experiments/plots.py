@@ -24,6 +24,7 @@ FILTERED = ("#2368b0", "#2f9e6e", "#e08e1b", "#7a56a8", "#12888f", "#a0522d", "#
 STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#6b7280")
 CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
+LINE_STYLES = ("-", "--", ":", "-.")
 
 
 def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
@@ -66,6 +67,27 @@ def obstacle_plot(results: Sequence[RunResult]) -> bytes | None:
         axes[0].plot(result.series["step_time"], 1e3 * result.series["h_obstacle"], color=colour)
     _shade_unsafe(axes[0])
     axes[0].set_ylabel("distance [mm]")
+    return _finish(figure, axes, shown)
+
+
+def limits_plot(results: Sequence[RunResult]) -> bytes | None:
+    """Smallest joint-limit barrier [rad] and each workspace barrier [mm] over time."""
+    shown = [r for r in results if len(r.series["step_time"])]
+    if not shown:
+        return None
+    figure, axes = _figure(1, 2, 3.0, sharex=True)
+    for result, colour in _coloured(shown):
+        time = result.series["step_time"]
+        axes[0].plot(time, result.series["h_joint_limit"], color=colour)
+        for k, style in zip(range(result.series["h_workspace"].shape[1]), LINE_STYLES, strict=False):
+            axes[1].plot(time, 1e3 * result.series["h_workspace"][:, k], style, color=colour)
+    names = ", ".join(b.name.replace("_", " ") for b in shown[0].robot.workspace)
+    axes[0].set_title("smallest of all joint limits")
+    axes[1].set_title(f"workspace: {names}" if names else "workspace: no bounds")
+    axes[0].set_ylabel("distance [rad]")
+    axes[1].set_ylabel("distance [mm]")
+    for axis in axes:
+        axis.axhline(0.0, color=UNSAFE, lw=1.1)
     return _finish(figure, axes, shown)
 
 

@@ -23,6 +23,7 @@ LARGEST_EMBEDDED_VIDEO = 8_000_000
 CAPTIONS = (
     ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
     ("Obstacle", plots.obstacle_plot, "Distance between the obstacle and the closest body; below zero they overlap."),
+    ("Limits", plots.limits_plot, "Room to the nearest joint limit, and between each hand and the end of its reach."),
     ("Hands", plots.hand_plot, "Where the hands were and where they were asked to be; the last row is the distance."),
     ("Balance", plots.balance_plot, "The zero-moment point has to stay inside the support polygon, or the feet tip."),
     ("Centre of mass", plots.com_plot, "How far the centre of mass was from where it was asked to be."),

@@ -334,7 +334,7 @@ def test_the_report_needs_nothing_else(pair: list[RunResult], tmp_path: Path) ->
     assert "@import" not in text
     assert len(text) < 3_000_000
     assert page.headings == [
-        "Outcome", "Figures", "Film", "Pictures", "Distances", "Hands", "Balance", "Centre of mass", "Filter",
+        "Outcome", "Figures", "Film", "Pictures", "Distances", "Limits", "Hands", "Balance", "Centre of mass", "Filter",
         "Torques", "Computing time",
     ]  # fmt: skip
     assert "no filter" in page.words
@@ -351,7 +351,7 @@ def test_a_short_run_without_hands_is_reported(robot: str, tmp_path: Path) -> No
     assert "Pictures" not in page.headings
     assert "Film" not in page.headings
     assert {"Distances", "Balance", "Torques"} <= set(page.headings)
-    assert page.tags.count("img") == 6
+    assert page.tags.count("img") == 7
 
 
 @pytest.mark.parametrize("ticks", [0, 1])

@@ -66,6 +66,7 @@ class FilterTuning:
         workspace_epsilon: workspace bounds.
         foot_weight: weight on velocity given to stance feet, 0 or above.
         balance_weight: weight on changes of the tasks between feet and hands (CoM, base, torso), 0 or above.
+        hand_weight: weight on changes of the hands' tasks, 0 or above.
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
@@ -83,13 +84,16 @@ class FilterTuning:
     workspace_epsilon: float = 5.0
     foot_weight: float = 1000.0
     balance_weight: float = 1000.0
+    hand_weight: float = 100.0
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            check = require_non_negative if name in {"foot_weight", "balance_weight"} else require_positive
+            check = (
+                require_non_negative if name in {"foot_weight", "balance_weight", "hand_weight"} else require_positive
+            )
             check(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
 

@@ -88,7 +88,13 @@ class WholeBodyController:
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
         self.filter = SafetyFilter(
-            config.filter, self.barriers.size, safety.parameters(), v_max, safety.foot_weight, safety.balance_weight
+            config.filter,
+            self.barriers.size,
+            safety.parameters(),
+            v_max,
+            safety.foot_weight,
+            safety.balance_weight,
+            safety.hand_weight,
         )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver)
@@ -166,7 +172,8 @@ class WholeBodyController:
         marks.append(self._clock())
         feet = self._stance_jacobian(levels[0][0], reference.in_contact)
         balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
-        safety = self.filter.apply(rows, v_des, feet, balance)
+        hands = levels[4][0] if self._with_hands else None
+        safety = self.filter.apply(rows, v_des, feet, balance, hands)
         marks.append(self._clock())
         acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
         wrench = self._wrench_reference(reference, acceleration)

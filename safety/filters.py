@@ -61,12 +61,15 @@ class SafetyFilter:
     r"""Nearest velocity that satisfies the barrier conditions and the velocity bounds.
 
     .. math:: \min_v \|v - v^{des}\|^2 + w_f \|J_f (v - v^{des})\|^2 + w_b \|J_b (v - v^{des})\|^2
+        + w_h \|J_h (v - v^{des})\|^2
         \quad\text{s.t.}\quad A v \ge b,\; v_{min} \le v \le v_{max}
 
     The first term is eq. (33) of Lee et al. The second keeps the filter from dragging stance feet when a row moves
     base or legs: J_f stacks the Jacobians of the feet in contact. The third makes it give way with the arms before it
-    disturbs balance: J_b stacks the Jacobians of the tasks that keep it (CoM, orientation of base and torso). They
-    are weights, not equalities, because equalities leave too little freedom where joint limits and collisions meet.
+    disturbs balance: J_b stacks the Jacobians of the tasks that keep it (CoM, orientation of base and torso). The
+    fourth keeps the hands, J_h, close to where they were going: the nearest joint velocity alone may carry them far off
+    along a boundary. They are weights, not equalities, because equalities leave too little freedom where joint limits
+    and collisions meet.
 
     When no v satisfies the rows, the ladder is: the least sum of squared violations, then the velocity nearest to the
     nominal one among those (as in p-SSA); if that fails too, zero velocity. The nominal velocity is never passed on.
@@ -78,6 +81,7 @@ class SafetyFilter:
         v_max: shape (nv,) bounds on the size of each velocity, above 0 [m/s, rad/s].
         foot_weight: w_f, 0 or above.
         balance_weight: w_b, 0 or above.
+        hand_weight: w_h, 0 or above.
 
     Raises:
         ConfigError: unknown filter, a negative weight, or a bound that is not finite and above 0.
@@ -91,16 +95,19 @@ class SafetyFilter:
         v_max: Array,
         foot_weight: float = 1e3,
         balance_weight: float = 1e3,
+        hand_weight: float = 1e2,
     ) -> None:
         require_one_of("filter", name, FILTERS)
         require_non_negative("foot_weight", foot_weight)
         require_non_negative("balance_weight", balance_weight)
+        require_non_negative("hand_weight", hand_weight)
         if not (all_finite(v_max) and (v_max > 0).all()):
             raise ConfigError("v_max", v_max, "finite and above 0 throughout")
         self.name = name
         self.parameters = parameters
         self.foot_weight = foot_weight
         self.balance_weight = balance_weight
+        self.hand_weight = hand_weight
         self._nv = v_max.size
         self._v_max = np.array(v_max)
         self._identity = np.eye(self._nv)
@@ -110,7 +117,12 @@ class SafetyFilter:
         self._upper = np.concatenate([v_max, np.full(n_rows, UNBOUNDED)])
 
     def apply(
-        self, rows: BarrierRows, v_des: Array, feet: Array | None = None, balance: Array | None = None
+        self,
+        rows: BarrierRows,
+        v_des: Array,
+        feet: Array | None = None,
+        balance: Array | None = None,
+        hands: Array | None = None,
     ) -> FilterResult:
         """Filter one velocity.
 
@@ -119,6 +131,7 @@ class SafetyFilter:
             v_des: shape (nv,) nominal velocity.
             feet: shape (k, nv) Jacobians of the feet in contact, or ``None``.
             balance: shape (l, nv) Jacobians of the tasks that keep balance, or ``None``.
+            hands: shape (m, nv) Jacobians of the hands' tasks, or ``None``.
 
         Returns:
             The result; its arrays are new, the input is not changed. Never raises on bad numbers: a value that is not
@@ -134,7 +147,8 @@ class SafetyFilter:
             if result.slack == 0.0:
                 return result
         hessian = self._identity
-        for weight, jacobian in ((self.foot_weight, feet), (self.balance_weight, balance)):
+        weighted = ((self.foot_weight, feet), (self.balance_weight, balance), (self.hand_weight, hands))
+        for weight, jacobian in weighted:
             if jacobian is not None and weight > 0:
                 hessian = hessian + weight * (jacobian.T @ jacobian)
         v = self._nearest(hessian, v_des, conditions.A, conditions.b)

@@ -245,22 +245,23 @@ def test_balance_is_the_com_and_the_orientation_of_base_and_torso(
 
 
 def test_the_weights_reach_the_filter(robot: RobotDescription) -> None:
-    case = Case(robot, safety=FilterTuning(foot_weight=12.0, balance_weight=34.0))
+    case = Case(robot, safety=FilterTuning(foot_weight=12.0, balance_weight=34.0, hand_weight=56.0))
     assert case.controller.filter.foot_weight == 12.0
     assert case.controller.filter.balance_weight == 34.0
+    assert case.controller.filter.hand_weight == 56.0
 
 
-@pytest.mark.parametrize("weight", ["foot_weight", "balance_weight"])
+@pytest.mark.parametrize("weight", ["foot_weight", "balance_weight", "hand_weight"])
 def test_a_heavier_weight_keeps_its_own_tasks_as_desired(robot: RobotDescription, weight: str) -> None:
     """All tasks are to move, the base may not: something has to give way, but not what weighs 1e6."""
     changed = {}
     for value in (0.0, 1e6):
-        weights = {"foot_weight": 0.0, "balance_weight": 0.0} | {weight: value}
+        weights = {"foot_weight": 0.0, "balance_weight": 0.0, "hand_weight": 0.0} | {weight: value}
         case = Case(robot, tasks=TASKS, safety=FilterTuning(base_linear=0.03, **weights))
         for name in POINTS:
             case.point(name).position = case.point(name).position + DIRECTION
         result = case.tick()
-        rows = slice(0, 12) if weight == "foot_weight" else slice(12, 21)
+        rows = {"foot_weight": slice(0, 12), "balance_weight": slice(12, 21), "hand_weight": slice(21, 27)}[weight]
         changed[value] = np.linalg.norm((case.task_jacobian() @ (result.safety.v - result.v_des))[rows])
     assert changed[0.0] > 0.01
     assert changed[1e6] < 1e-2 * changed[0.0]

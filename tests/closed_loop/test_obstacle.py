@@ -6,7 +6,7 @@ import pytest
 
 from experiments.hand_tracking import run_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
-from experiments.results import RunResult
+from experiments.results import STOPPED, RunResult
 
 
 @cache
@@ -42,10 +42,12 @@ def test_with_issf_the_robot_gives_way_and_stands(robot_name: str) -> None:
 
 def test_a_lost_obstacle_stops_the_robot() -> None:
     options = HandTrackingOptions(motion="hold", obstacle=True, obstacle_lost_at=0.3, duration=1.5)
-    summary = run_hand_tracking(options).summary
+    result = run_hand_tracking(options)
+    summary = result.summary
     assert "track of obstacle 0" in summary["stop_cause"]
     # the last measurement comes at 0.283 s, and a track may be 0.2 s old
     assert summary["stop_time_s"] == pytest.approx(0.484, abs=0.003)
-    # the state is sound: the robot holds its posture and keeps its balance
+    # the state is sound: the controller goes on, holds the posture and keeps balance
+    assert not (result.series["filter_status"] == STOPPED).any()
     assert not summary["fell"]
     assert summary["foot_slide_max_m"] < 0.005

@@ -13,7 +13,7 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers import BarrierSet, standard_barriers
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import ACTIVE, CONDITIONS, FILTERS, FilterResult, FilterStatus, SafetyFilter
-from safety.rows import BarrierRows, HalfSpaces
+from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 
 PARAMETERS = BarrierParameters(
     joint_limit=FamilyParameters(10.0, 10.0),
@@ -296,3 +296,30 @@ def test_bounds_given_to_a_filter_may_change_afterwards() -> None:
     bounds[:] = 1e-3
     none = BarrierRows(np.zeros(0), np.zeros((0, 2)), np.zeros(0), np.zeros(0, dtype=np.intp))
     assert kept.apply(none, np.full(2, 0.5)).status == FilterStatus.UNCHANGED
+
+
+def test_conditions_that_are_not_active_do_not_bind(robot: RobotDescription, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A filter whose condition leaves a violated row out: as if the row were not there, slack and count included."""
+    nv = 6 + len(robot.joints)
+    rng = np.random.default_rng(5)
+    jac = rng.standard_normal((4, nv))
+    v_des = rng.standard_normal(nv)
+    # rows 0 and 2 are violated by the nominal velocity; row 2 is not active
+    b = jac @ v_des + np.array([0.5, -0.5, 0.5, -0.5])
+    rows = BarrierRows(-b, jac, np.zeros(4), np.full(4, FAMILIES.index("self_collision"), dtype=np.intp))
+    active = np.array([True, True, False, True])
+
+    def partly(given: BarrierRows, _: object) -> HalfSpaces:
+        return HalfSpaces(given.jac, -given.h, active)
+
+    def wholly(given: BarrierRows, _: object) -> HalfSpaces:
+        return HalfSpaces(given.jac[active], -given.h[active], np.ones(3, dtype=bool))
+
+    bounds = np.full(nv, 100.0)
+    results = []
+    for condition, count in ((partly, 4), (wholly, 3)):
+        monkeypatch.setitem(CONDITIONS, "cbf", condition)
+        results.append(SafetyFilter("cbf", count, PARAMETERS, bounds).apply(rows, v_des))
+    np.testing.assert_allclose(results[0].v, results[1].v, rtol=0, atol=1e-9)
+    assert results[0].active == results[1].active
+    assert results[0].slack == pytest.approx(results[1].slack, abs=1e-9)

@@ -10,7 +10,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from experiments.console import results_folder, run_one
-from experiments.figures import Figure
+from experiments.figures import Figure, column
 from experiments.options import (
     FilterOptions,
     HandTrackingOptions,
@@ -32,28 +32,28 @@ PAYLOAD = 0.5
 """Mass that the model does not know of, at each hand [kg]."""
 
 STAND_COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("mass_scale", "mass"),
-    Figure("fell", "fell"),
-    Figure("com_error_settled_max_m", "CoM error after 3 s, max", "mm", 1e3),
-    Figure("foot_slide_max_m", "foot slide, max", "mm", 1e3),
-    Figure("zmp_inside_fraction", "ZMP inside", "%", 1e2),
-    Figure("max_torque_fraction", "torque / limit, max", "%", 1e2),
-    Figure("qp_failures", "QP failures"),
+    column("robot", "robot"),
+    column("mass_scale", "mass"),
+    column("fell", "fell"),
+    column("com_error_settled_max_m", "CoM error after 3 s, max"),
+    column("foot_slide_max_m", "foot slide, max"),
+    column("zmp_inside_fraction", "ZMP inside"),
+    column("max_torque_fraction", "torque / limit, max"),
+    column("qp_failures", "QP failures"),
 )
 HAND_COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("filter", "filter"),
-    Figure("fell", "fell"),
-    Figure("min_h_self_collision_m", "min h self-collision", "mm", 1e3),
-    Figure("collision_ratio", "collision ratio", "%", 1e2),
-    Figure("min_h_workspace_m", "min h workspace", "mm", 1e3),
-    Figure("hand_rmse_m", "hand RMSE", "mm", 1e3),
-    Figure("hand_rmse_outside_conflict_m", "outside conflict", "mm", 1e3),
-    Figure("com_error_settled_max_m", "CoM error, max", "mm", 1e3),
-    Figure("foot_slide_max_m", "foot slide, max", "mm", 1e3),
-    Figure("max_torque_fraction", "torque / limit, max", "%", 1e2),
-    Figure("qp_failures", "QP failures"),
+    column("robot", "robot"),
+    column("filter", "filter"),
+    column("fell", "fell"),
+    column("min_h_self_collision_m", "min h self-collision"),
+    column("collision_ratio", "collision ratio"),
+    column("min_h_workspace_m", "min h workspace"),
+    column("hand_rmse_m", "hand RMSE"),
+    column("hand_rmse_outside_conflict_m", "outside conflict"),
+    column("com_error_settled_max_m", "CoM error, max"),
+    column("foot_slide_max_m", "foot slide, max"),
+    column("max_torque_fraction", "torque / limit, max"),
+    column("qp_failures", "QP failures"),
 )
 
 
@@ -144,14 +144,14 @@ def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
         for run in hands
         if isinstance(run, HandTrackingOptions)
     ]
-    case = (HAND_COLUMNS[0], Figure("case", "robot differs by"), Figure("epsilon", "epsilon"), *HAND_COLUMNS[2:])
+    case = (HAND_COLUMNS[0], column("case", "robot differs by"), column("epsilon", "epsilon"), *HAND_COLUMNS[2:])
     return {
         "Standing for 10 s": (stand, STAND_COLUMNS),
         "Hand circles through the torso, +20 % mass, 12 s": (hands, HAND_COLUMNS),
         "Hand targets 30 cm beyond reach, +20 % mass, 12 s": (reach, HAND_COLUMNS),
         "A sphere passes through where the hands are, velocity from a Kalman filter, +20 % mass, 7 s": (
             sphere,
-            (*HAND_COLUMNS[:3], Figure("min_h_obstacle_m", "min h obstacle", "mm", 1e3), *HAND_COLUMNS[3:]),
+            (*HAND_COLUMNS[:3], column("min_h_obstacle_m", "min h obstacle"), *HAND_COLUMNS[3:]),
         ),
         "Hand circles, other differences between robot and model, ISSf-CBF, 12 s": (other_differences(), case),
     }

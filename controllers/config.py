@@ -1,15 +1,16 @@
 """Settings of the whole-body controller: defaults, per-robot tuning from the description, checks."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.description import RobotDescription
-from robots.errors import DescriptionError
+from robots.errors import ConfigError, DescriptionError
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
+from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
 
 T = TypeVar("T")
@@ -51,19 +52,15 @@ class TaskTuning:
 
 @dataclass(frozen=True, slots=True)
 class FilterTuning:
-    """Parameters of the safety filter: alpha [1/s] and epsilon of each family, bounds and weights.
+    """Settings of the safety filter: parameters of each constraint family, bounds and weights.
 
     Attributes:
-        joint_limit_alpha: joint limits.
-        joint_limit_epsilon: joint limits; at rest the margin is 1 / (alpha epsilon) [rad].
-        self_collision_alpha: self-collision, legs apart.
-        self_collision_epsilon: self-collision, legs apart.
-        leg_collision_alpha: self-collision of legs.
-        leg_collision_epsilon: self-collision of legs.
-        obstacle_alpha: obstacles.
-        obstacle_epsilon: obstacles.
-        workspace_alpha: workspace bounds.
-        workspace_epsilon: workspace bounds.
+        joint_limit: joint limits; at rest ISSf-CBF keeps 1 / (alpha epsilon) [rad].
+        self_collision: self-collision, legs apart.
+        leg_collision: self-collision of legs.
+        obstacle: obstacles.
+        workspace: workspace bounds.
+        custom: barriers of one's own.
         foot_weight: weight on velocity given to stance feet, 0 or above.
         balance_weight: weight on changes of the tasks between feet and hands (CoM, base, torso), 0 or above.
         hand_weight: weight on changes of the hands' tasks, 0 or above.
@@ -72,16 +69,12 @@ class FilterTuning:
         base_angular: bound on the base's angular velocity [rad/s].
     """
 
-    joint_limit_alpha: float = 10.0
-    joint_limit_epsilon: float = 10.0
-    self_collision_alpha: float = 5.0
-    self_collision_epsilon: float = 2.0
-    leg_collision_alpha: float = 5.0
-    leg_collision_epsilon: float = 10.0
-    obstacle_alpha: float = 5.0
-    obstacle_epsilon: float = 5.0
-    workspace_alpha: float = 5.0
-    workspace_epsilon: float = 5.0
+    joint_limit: FamilyParameters = FamilyParameters(alpha=10.0, epsilon=10.0)
+    self_collision: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=2.0)
+    leg_collision: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=10.0)
+    obstacle: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=5.0)
+    workspace: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=5.0)
+    custom: FamilyParameters = FamilyParameters()
     foot_weight: float = 1000.0
     balance_weight: float = 1000.0
     hand_weight: float = 100.0
@@ -90,19 +83,18 @@ class FilterTuning:
     base_angular: float = 4.0
 
     def __post_init__(self) -> None:
-        for name in self.__slots__:
-            check = (
-                require_non_negative if name in {"foot_weight", "balance_weight", "hand_weight"} else require_positive
-            )
-            check(name, getattr(self, name))
+        for name in FAMILIES:
+            if not isinstance(getattr(self, name), FamilyParameters):
+                raise ConfigError(name, getattr(self, name), "parameters of a constraint family")
+        for name in ("foot_weight", "balance_weight", "hand_weight"):
+            require_non_negative(name, getattr(self, name))
+        for name in ("velocity_scale", "base_linear", "base_angular"):
+            require_positive(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
 
     def parameters(self) -> BarrierParameters:
         """The families' parameters in the form of the conditions."""
-        names = ("joint_limit", "self_collision", "leg_collision", "obstacle", "workspace")
-        return BarrierParameters(
-            **{n: FamilyParameters(getattr(self, f"{n}_alpha"), getattr(self, f"{n}_epsilon")) for n in names}
-        )
+        return BarrierParameters(**{f: getattr(self, f) for f in FAMILIES})
 
 
 @dataclass(frozen=True, slots=True)
@@ -182,8 +174,22 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
 
 def _from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tuple[str, ...] = ()) -> T:
     """The settings class ``kind`` filled from one table; fields named in ``elsewhere`` have tables of their own."""
-    values: Mapping[str, Any] = robot.tuning.get(table, {})
-    known = [f.name for f in dataclasses.fields(kind) if f.name not in elsewhere]  # type: ignore[arg-type]
+    values: dict[str, Any] = dict(robot.tuning.get(table, {}))
+    defaults = {f.name: f.default for f in dataclasses.fields(kind) if f.name not in elsewhere}  # type: ignore[arg-type]
+    _require_known(robot, table, values, defaults)
+    for name, default in defaults.items():
+        if name in values and isinstance(default, FamilyParameters):
+            known = [f.name for f in dataclasses.fields(FamilyParameters)]
+            _require_known(robot, f"{table}.{name}", values[name], known)
+            try:
+                values[name] = dataclasses.replace(default, **values[name])
+            except ConfigError as error:
+                raise ConfigError(f"{table}.{name}.{error.name}", error.value, error.allowed) from error
+    return kind(**values)
+
+
+def _require_known(robot: RobotDescription, table: str, values: object, known: Iterable[str]) -> None:
+    if not isinstance(values, Mapping):
+        raise DescriptionError(robot.file, f"tuning.{table}", values, "a table")
     if unknown := sorted(set(values) - set(known)):
         raise DescriptionError(robot.file, f"tuning.{table}", unknown, "among " + ", ".join(known))
-    return kind(**values)

@@ -3,7 +3,8 @@
 from collections.abc import Sequence
 
 from robots.messages import Array
-from safety.obstacles import Obstacle, ObstacleTrack, TrackerSettings
+from safety.obstacles import Obstacle
+from safety.tracking import ObstacleTrack, TrackerSettings
 
 
 class SphereTracker:

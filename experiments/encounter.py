@@ -7,7 +7,8 @@ import numpy as np
 from controllers.perception import SphereTracker
 from controllers.reference import WholeBodyReference
 from robots.messages import Array
-from safety.obstacles import Obstacle, TrackerSettings
+from safety.obstacles import Obstacle
+from safety.tracking import TrackerSettings
 from sims.obstacles import PassingSphere, PositionSensor
 
 RADIUS = 0.08

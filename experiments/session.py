@@ -17,7 +17,7 @@ from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
 from experiments.results import RunResult
-from robots.checks import require_between, require_non_negative, require_positive
+from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
@@ -73,12 +73,9 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
         ConfigError: alpha or epsilon is not positive and finite.
     """
     safety = controller_config(robot).safety
-    for name in ("alpha", "epsilon"):
-        value = getattr(options, name)
-        if value is not None:
-            require_positive(name, value)
-            safety = dataclasses.replace(safety, **{f"self_collision_{name}": value})
-    return {"filter": options.filter, "safety": safety}
+    given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
+    pairs = dataclasses.replace(safety.self_collision, **given)
+    return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
 
 
 def control_config(robot: RobotDescription, options: RunOptions) -> ControllerConfig:
@@ -174,8 +171,8 @@ def run(
         "robot": robot.name,
         "filter": control.filter,
         "mass_scale": options.plant.mass_scale,
-        "alpha": None if control.filter == "none" else control.safety.self_collision_alpha,
-        "epsilon": control.safety.self_collision_epsilon if control.filter == "issf" else None,
+        "alpha": None if control.filter == "none" else control.safety.self_collision.alpha,
+        "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
         "seed": options.seed,
         "stop_cause": supervisor.cause,
         "stop_time_s": supervisor.stopped_at if supervisor.cause else None,

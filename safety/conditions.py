@@ -11,39 +11,36 @@ from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 
 @dataclass(frozen=True, slots=True)
 class FamilyParameters:
-    """Parameters of one constraint family.
+    """Parameters of one constraint family; each filter reads those that its condition has.
 
     Attributes:
-        alpha: slope of the class-K function [1/s], above 0.
+        alpha: slope of the class-K function of CBF, ISSf-CBF and eCBF [1/s], above 0.
         epsilon: ISSf parameter, above 0; smaller is more cautious. At rest a row keeps the margin
             ``|jac|^2 / (alpha epsilon)``. Unit: that of |jac|^2 over that of the rate of h, e.g. [m s/rad^2].
     """
 
-    alpha: float
-    epsilon: float
+    alpha: float = 5.0
+    epsilon: float = 5.0
 
     def __post_init__(self) -> None:
-        require_positive("alpha", self.alpha)
-        require_positive("epsilon", self.epsilon)
+        for name in self.__slots__:
+            require_positive(name, getattr(self, name))
 
 
 @dataclass(frozen=True, slots=True)
 class BarrierParameters:
-    """Parameters of all families."""
+    """Parameters of all families; those not given have the defaults of :class:`FamilyParameters`."""
 
-    joint_limit: FamilyParameters
-    self_collision: FamilyParameters
-    leg_collision: FamilyParameters
-    obstacle: FamilyParameters
-    workspace: FamilyParameters
+    joint_limit: FamilyParameters = FamilyParameters()
+    self_collision: FamilyParameters = FamilyParameters()
+    leg_collision: FamilyParameters = FamilyParameters()
+    obstacle: FamilyParameters = FamilyParameters()
+    workspace: FamilyParameters = FamilyParameters()
+    custom: FamilyParameters = FamilyParameters()
 
-    def alphas(self) -> Array:
-        """Shape (len(FAMILIES),), in the order of ``FAMILIES``."""
-        return np.array([getattr(self, f).alpha for f in FAMILIES])
-
-    def epsilons(self) -> Array:
-        """Shape (len(FAMILIES),), in the order of ``FAMILIES``."""
-        return np.array([getattr(self, f).epsilon for f in FAMILIES])
+    def values(self, name: str) -> Array:
+        """The parameter ``name`` of every family, shape (len(FAMILIES),), in the order of ``FAMILIES``."""
+        return np.array([getattr(getattr(self, f), name) for f in FAMILIES])
 
 
 def cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
@@ -60,7 +57,7 @@ def cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
     Returns:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
-    alpha = parameters.alphas()[rows.family]
+    alpha = parameters.values("alpha")[rows.family]
     return HalfSpaces(rows.jac, -alpha * rows.h - rows.drift, np.ones(rows.h.size, dtype=bool))
 
 
@@ -80,4 +77,4 @@ def issf_cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
     """
     base = cbf(rows, parameters)
     squared = np.vecdot(rows.jac, rows.jac)
-    return HalfSpaces(base.A, base.b + squared / parameters.epsilons()[rows.family], base.active)
+    return HalfSpaces(base.A, base.b + squared / parameters.values("epsilon")[rows.family], base.active)

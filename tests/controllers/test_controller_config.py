@@ -17,6 +17,7 @@ from controllers.motions import circle_settings
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
+from safety.conditions import FamilyParameters
 from safety.rows import FAMILIES
 
 BAD_NUMBERS = (0.0, -1.0, float("nan"), float("inf"), "1", None)
@@ -33,14 +34,14 @@ def test_without_tables_the_defaults_hold() -> None:
 def test_tables_of_the_description_override_defaults_and_changes_override_tables() -> None:
     robot = with_tuning(
         tasks={"com": 3.0},
-        safety={"self_collision_epsilon": 7.0},
+        safety={"self_collision": {"epsilon": 7.0}},
         contact={"friction": 0.4},
         dynwbc={"kd": 25.0},
         controller={"gain_scale": 0.5, "filter": "cbf"},
     )
     config = controller_config(robot, filter="none", dt=0.001)
     assert config.tasks == TaskTuning(com=3.0)
-    assert config.safety == FilterTuning(self_collision_epsilon=7.0)
+    assert config.safety == FilterTuning(self_collision=FamilyParameters(alpha=5.0, epsilon=7.0))
     assert config.contact == ContactTuning(friction=0.4)
     assert config.dynwbc.kd == 25.0
     assert (config.gain_scale, config.filter, config.dt) == (0.5, "none", 0.001)
@@ -104,8 +105,16 @@ def test_every_family_has_its_own_parameters() -> None:
     parameters = tuning.parameters()
     for family in FAMILIES:
         values = getattr(parameters, family)
-        assert values.alpha == getattr(tuning, f"{family}_alpha")
-        assert values.epsilon == getattr(tuning, f"{family}_epsilon")
+        assert values is getattr(tuning, family)
+
+
+def test_a_bad_or_unknown_parameter_of_a_family_is_refused_with_its_place() -> None:
+    with pytest.raises(ConfigError, match=r"safety\.obstacle\.alpha"):
+        controller_config(with_tuning(safety={"obstacle": {"alpha": -1.0}}))
+    with pytest.raises(DescriptionError, match=r"tuning\.safety\.obstacle.*beta.*alpha"):
+        controller_config(with_tuning(safety={"obstacle": {"beta": 1.0}}))
+    with pytest.raises(DescriptionError, match=r"tuning\.safety\.obstacle"):
+        controller_config(with_tuning(safety={"obstacle": 3.0}))
 
 
 def test_bad_values_in_a_description_are_refused() -> None:

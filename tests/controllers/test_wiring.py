@@ -16,6 +16,7 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
+from safety.conditions import FamilyParameters
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
 from wbc.qp import ProxqpSolver
@@ -269,11 +270,11 @@ def test_a_heavier_weight_keeps_its_own_tasks_as_desired(robot: RobotDescription
 
 @pytest.mark.parametrize("family", FAMILIES)
 def test_the_parameters_of_every_family_reach_the_conditions(robot: RobotDescription, family: str) -> None:
-    values = {f"{f}_{n}": 1.0 + 2 * i + k for i, f in enumerate(FAMILIES) for k, n in enumerate(("alpha", "epsilon"))}
+    values = {f: FamilyParameters(alpha=1.0 + 2 * i, epsilon=2.0 + 2 * i) for i, f in enumerate(FAMILIES)}
     case = Case(robot, safety=FilterTuning(**values))
     parameters, i = case.controller.filter.parameters, FAMILIES.index(family)
-    assert getattr(parameters, family).alpha == parameters.alphas()[i] == 1.0 + 2 * i
-    assert getattr(parameters, family).epsilon == parameters.epsilons()[i] == 2.0 + 2 * i
+    assert getattr(parameters, family).alpha == parameters.values("alpha")[i] == 1.0 + 2 * i
+    assert getattr(parameters, family).epsilon == parameters.values("epsilon")[i] == 2.0 + 2 * i
 
 
 def assert_bound_is_reached(values: Array, bounds: Array | float) -> None:

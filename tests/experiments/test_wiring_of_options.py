@@ -31,14 +31,14 @@ def test_alpha_and_epsilon_are_those_of_self_collision(robot: RobotDescription, 
     plain = control_config(robot, RunOptions())
     assert plain == controller_config(robot)
     config = control_config(robot, RunOptions(safety=FilterOptions(**{name: 17.5})))
-    field = f"self_collision_{name}"
-    assert getattr(plain.safety, field) != 17.5
-    assert config == replace(plain, safety=replace(plain.safety, **{field: 17.5}))
+    pairs = plain.safety.self_collision
+    assert getattr(pairs, name) != 17.5
+    assert config == replace(plain, safety=replace(plain.safety, self_collision=replace(pairs, **{name: 17.5})))
 
 
 def test_both_at_once_and_the_filter_s_name(robot: RobotDescription) -> None:
     config = control_config(robot, RunOptions(safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75)))
-    assert (config.safety.self_collision_alpha, config.safety.self_collision_epsilon) == (3.25, 0.75)
+    assert (config.safety.self_collision.alpha, config.safety.self_collision.epsilon) == (3.25, 0.75)
     assert config.filter == "cbf"
 
 

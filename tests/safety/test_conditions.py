@@ -8,8 +8,8 @@ from robots.messages import Array
 from safety.conditions import BarrierParameters, FamilyParameters, cbf, issf_cbf
 from safety.rows import FAMILIES, BarrierRows
 
-ALPHAS = (3.0, 5.0, 7.0, 11.0, 13.0)
-EPSILONS = (0.5, 2.0, 4.0, 8.0, 16.0)
+ALPHAS = (3.0, 5.0, 7.0, 11.0, 13.0, 17.0)
+EPSILONS = (0.5, 2.0, 4.0, 8.0, 16.0, 32.0)
 N, NV = 40, 9
 
 
@@ -89,8 +89,8 @@ def test_no_rows_make_no_half_spaces(condition: object) -> None:
 
 
 def test_parameters_come_in_the_order_of_the_families() -> None:
-    np.testing.assert_array_equal(parameters().alphas(), ALPHAS)
-    np.testing.assert_array_equal(parameters().epsilons(), EPSILONS)
+    np.testing.assert_array_equal(parameters().values("alpha"), ALPHAS)
+    np.testing.assert_array_equal(parameters().values("epsilon"), EPSILONS)
 
 
 @pytest.mark.parametrize("name", ["alpha", "epsilon"])

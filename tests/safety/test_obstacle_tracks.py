@@ -13,7 +13,8 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier
-from safety.obstacles import Obstacle, ObstacleTrack, TrackerSettings, _process_noise, _transition
+from safety.obstacles import Obstacle
+from safety.tracking import ObstacleTrack, TrackerSettings, _process_noise, _transition
 
 SETTINGS = TrackerSettings(position_noise=0.01, acceleration_noise=0.5, initial_speed=0.8, max_age=0.2)
 POSITION, VELOCITY = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.1, -0.2])

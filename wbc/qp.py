@@ -8,6 +8,7 @@ import numpy as np
 import proxsuite
 
 from robots.checks import require_one_of
+from robots.errors import ConfigError
 from robots.messages import Array
 
 QpStatus = Literal["optimal", "infeasible", "failed"]
@@ -16,6 +17,12 @@ UNBOUNDED = 1e30
 
 FEASIBILITY_TOLERANCE = 1e-9
 """Largest violation of a row that a solution may show (rows are in m/s, rad/s, N or N m)."""
+
+SOFT = 8
+"""How daqp is told that a row may be violated."""
+
+SOLVED = (1, 2)
+"""What daqp says of a solved problem; 2 where a soft row is violated."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,30 +65,46 @@ class QpSolver(Protocol):
         ...
 
 
-def make_solver(name: str, n: int, m: int) -> QpSolver:
-    """A persistent solver for ``n`` variables and ``m`` rows.
+def make_solver(name: str, n: int, m: int, slack_weights: Array | None = None) -> QpSolver:
+    r"""A persistent solver for ``n`` variables and ``m`` rows.
 
     Args:
         name: ``daqp`` (dual active set) or ``proxqp`` (augmented Lagrangian).
         n: number of variables.
         m: number of rows.
+        slack_weights: shape (m,), above 0: row i may be violated by :math:`s_i` at the cost
+            :math:`\tfrac12 w_i s_i^2`; infinite for a row that must hold. Only ``daqp`` has them.
 
     Raises:
-        ConfigError: unknown name.
+        ConfigError: unknown name, a weight that is not above 0, or weights for a solver that has none.
     """
     require_one_of("qp solver", name, ("daqp", "proxqp"))
-    return DaqpSolver(n, m) if name == "daqp" else ProxqpSolver(n, m)
+    if slack_weights is None:
+        return DaqpSolver(n, m) if name == "daqp" else ProxqpSolver(n, m)
+    if name != "daqp":
+        raise ConfigError("qp solver", name, "daqp where rows may be violated")
+    if slack_weights.shape != (m,) or not (slack_weights > 0).all():
+        raise ConfigError("slack_weights", slack_weights, f"{m} numbers above 0")
+    return DaqpSolver(n, m, slack_weights)
 
 
 class DaqpSolver:
-    """DAQP behind :class:`QpSolver`: its workspace and active set persist between calls."""
+    """DAQP behind :class:`QpSolver`: its workspace and active set persist between calls.
 
-    def __init__(self, n: int, m: int) -> None:
-        """Prepare for ``n`` variables and ``m`` rows."""
+    Rows with a finite slack weight are its own soft constraints: no slack variables, as fast as hard rows. Their
+    multipliers are weight times violation.
+    """
+
+    def __init__(self, n: int, m: int, slack_weights: Array | None = None) -> None:
+        """Prepare for ``n`` variables and ``m`` rows, of which those with a finite weight may be violated."""
         self.n = n
         self.m = m
         self._model: daqp.Model | None = None
         self._no_rows = np.zeros((0, n))
+        self._softness: Array | None = None
+        if slack_weights is not None:
+            self._softness = np.concatenate([np.zeros(n), 1.0 / slack_weights])
+            self._sense = np.where(self._softness > 0, SOFT, 0).astype(np.int32)
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
@@ -95,7 +118,7 @@ class DaqpSolver:
             return self._unsolved("infeasible" if flag == -1 else "failed")
         assert self._model is not None
         x, _, flag, info = self._model.solve()
-        status: QpStatus = "optimal" if flag == 1 else "infeasible" if flag == -1 else "failed"
+        status: QpStatus = "optimal" if flag in SOLVED else "infeasible" if flag == -1 else "failed"
         if status != "optimal":
             # the active set of an unsolved problem is no good start for the next one
             self._model = None
@@ -104,7 +127,11 @@ class DaqpSolver:
     def _load(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> int:
         if self._model is None:
             self._model = daqp.Model()
-            flag, _ = self._model.setup(hessian, gradient, rows, upper, lower)
+            if self._softness is None:
+                flag, _ = self._model.setup(hessian, gradient, rows, upper, lower)
+            else:
+                flag, _ = self._model.setup(hessian, gradient, rows, upper, lower, self._sense)
+                self._model.soft_weights(rho_l=self._softness, rho_u=self._softness)
             self._model.settings = {"primal_tol": FEASIBILITY_TOLERANCE, "iter_limit": 2000}
         else:
             flag = self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower)
@@ -165,7 +192,13 @@ def _well_posed(hessian: Array, gradient: Array, rows: Array, lower: Array, uppe
 
 
 def kkt_residual(
-    hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array, solution: QpSolution
+    hessian: Array,
+    gradient: Array,
+    rows: Array,
+    lower: Array,
+    upper: Array,
+    solution: QpSolution,
+    slack_weights: Array | None = None,
 ) -> float:
     """Largest violation of the optimality conditions of a solution: stationarity, feasibility, complementarity.
 
@@ -176,6 +209,8 @@ def kkt_residual(
         lower: shape (n + m,).
         upper: shape (n + m,).
         solution: what a solver returned for it.
+        slack_weights: shape (m,) as for :func:`make_solver`: a row may then be violated by its multiplier over its
+            weight.
 
     Returns:
         The largest absolute residual; sides at ``UNBOUNDED`` must have no multiplier.
@@ -184,6 +219,9 @@ def kkt_residual(
     value = full @ solution.x
     up, down = np.maximum(solution.multipliers, 0), np.maximum(-solution.multipliers, 0)
     stationarity = hessian @ solution.x + gradient + full.T @ solution.multipliers
+    if slack_weights is not None:
+        # a violated row counts as moved to where its multiplier pays for it
+        value = value - np.concatenate([np.zeros(gradient.size), solution.multipliers[gradient.size :] / slack_weights])
     primal = np.maximum(0, np.maximum(lower - value, value - upper))
     gap_up = np.where(upper < UNBOUNDED, np.abs(upper - value), UNBOUNDED) * up
     gap_down = np.where(lower > -UNBOUNDED, np.abs(value - lower), UNBOUNDED) * down

@@ -388,3 +388,81 @@ def test_kkt_residual_is_large_on_wrong_solutions(solver_name: str) -> None:
         if abs(right.multipliers).max() > 0.1:
             flipped = QpSolution(right.x, -right.multipliers, "optimal", 0)
             assert kkt_residual(*problem, flipped) > 1e-2
+
+
+# --- rows that may be violated
+
+
+def soft_problem(rng: np.random.Generator, n: int, m: int) -> tuple[Problem, Array]:
+    """Bounded variables, rows of which many contradict each other, hard rows among them that do not."""
+    root, rows = rng.normal(size=(n, n)), rng.normal(size=(m, n))
+    rows[m // 2 : m // 2 + 3] = -rows[:3]
+    weights = 10.0 ** rng.uniform(-1, 2, m)
+    lower = np.concatenate([np.full(n, -1.0), rng.normal(size=m) + 0.5])
+    hard = rng.choice(m, 2, replace=False)
+    weights[hard], lower[n + hard] = np.inf, -0.5
+    upper = np.concatenate([np.full(n, 1.0), np.full(m, UNBOUNDED)])
+    return (root @ root.T + 0.1 * np.eye(n), rng.normal(size=n), rows, lower, upper), weights
+
+
+def with_slack_variables(problem: Problem, weights: Array) -> Problem:
+    """The same problem with a variable of its own for every violation."""
+    hessian, gradient, rows, lower, upper = problem
+    n, m = gradient.size, len(rows)
+    soft = np.isfinite(weights)
+    k = int(soft.sum())
+    large = np.zeros((n + k, n + k))
+    large[:n, :n], large[n:, n:] = hessian, np.diag(weights[soft])
+    return (
+        large,
+        np.concatenate([gradient, np.zeros(k)]),
+        np.hstack([rows, np.eye(m)[:, soft]]),
+        np.concatenate([lower[:n], np.zeros(k), lower[n:]]),
+        np.concatenate([upper[:n], np.full(k, UNBOUNDED), upper[n:]]),
+    )
+
+
+def test_soft_rows_are_those_of_the_problem_with_slack_variables() -> None:
+    rng = np.random.default_rng(21)
+    n, m = 8, 24
+    for _ in range(100):
+        problem, weights = soft_problem(rng, n, m)
+        expected = make_solver("proxqp", n + int(np.isfinite(weights).sum()), m).solve(
+            *with_slack_variables(problem, weights)
+        )
+        assert expected.status == "optimal"
+        solution = make_solver("daqp", n, m, weights).solve(*problem)
+        assert solution.status == "optimal"
+        np.testing.assert_allclose(solution.x, expected.x[:n], rtol=0, atol=1e-6)
+        assert kkt_residual(*problem, solution, weights) < KKT
+
+
+def test_soft_rows_stay_soft_from_problem_to_problem() -> None:
+    rng = np.random.default_rng(22)
+    n, m = 8, 24
+    _, weights = soft_problem(rng, n, m)
+    solver, violated = make_solver("daqp", n, m, weights), 0
+    hard = ~np.isfinite(weights)
+    for k in range(100):
+        problem, _ = soft_problem(rng, n, m)
+        problem[3][n:][hard] = -0.5 if k % 7 else 100.0
+        solution = solver.solve(*problem)
+        if k % 7 == 0:
+            assert solution.status == "infeasible"
+            continue
+        if solution.status == "optimal":
+            violated += int((problem[2] @ solution.x < problem[3][n:] - 1e-6).any())
+            np.testing.assert_allclose(solution.x, make_solver("daqp", n, m, weights).solve(*problem).x, atol=1e-8)
+            assert kkt_residual(*problem, solution, weights) < KKT
+    assert violated > 50
+
+
+@pytest.mark.parametrize("weights", [np.zeros(3), np.array([1.0, -1.0, 1.0]), np.ones(2), np.full(3, np.nan)])
+def test_bad_slack_weights_are_refused(weights: Array) -> None:
+    with pytest.raises(ConfigError, match="slack_weights"):
+        make_solver("daqp", 2, 3, weights)
+
+
+def test_only_daqp_has_soft_rows() -> None:
+    with pytest.raises(ConfigError, match="daqp"):
+        make_solver("proxqp", 2, 3, np.ones(3))

@@ -11,7 +11,13 @@ from robots.kinematics import Kinematics
 from robots.messages import Array, Mask
 from wbc.contact import SoleContact, wrench_cone
 from wbc.kernels import eliminate_base, torque_cost
-from wbc.qp import UNBOUNDED, QpStatus, make_solver
+from wbc.qp import UNBOUNDED, QpSolution, QpStatus, make_solver
+
+SLACK_PULL = 1e-6
+"""Weight of the usual cost while the least violation of the conditions is sought: it makes the answer unique."""
+
+SLACK_ROUNDING = 1e-6
+"""Room [m/s^2, rad/s^2] given to a condition on top of its least violation, so that rounding does not undo it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +61,8 @@ class DynWbcResult:
         wrench: shape (6 n,) contact wrenches, [force; moment about the sole's centre] in sole axes [N, N m].
         status: of the solver; unless ``optimal`` the numbers are those of the last optimal tick.
         iterations: of the solver.
+        relaxed: whether the conditions on the acceleration could not all hold, so that they were violated by the least
+            sum of squares.
     """
 
     torque: Array
@@ -62,6 +70,7 @@ class DynWbcResult:
     wrench: Array
     status: QpStatus
     iterations: int
+    relaxed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +80,10 @@ class DynWbcProblem:
     Attributes:
         hessian: shape (nx, nx).
         gradient: shape (nx,).
-        rows: shape (16 n + nj, nx): wrench cones, then torques; the controller's own, until the next problem.
-        lower: shape (nx + 16 n + nj,).
-        upper: shape (nx + 16 n + nj,).
+        rows: shape (16 n + nj + k, nx): wrench cones, torques, conditions on the acceleration; the controller's own,
+            until the next problem.
+        lower: shape (nx + 16 n + nj + k,).
+        upper: shape (nx + 16 n + nj + k,).
         base: (6, nx) map and (6,) offset from x to the base's acceleration.
         torque: (nj, nx) map and (nj,) offset from x to joint torques.
     """
@@ -97,11 +107,15 @@ class DynWbc:
     The six rows of the base give its acceleration as a function of joint accelerations and wrenches, the others give
     the torques: 29 + 12 variables on the G1 instead of the 76 of the full form, with the same optimum.
 
+    Conditions :math:`A \ddot q \ge b` may be added, for barriers at the level of accelerations (eq. (55)). Where they
+    contradict each other, the cone or the torque limits, they are violated by the least sum of squares, those never.
+
     Args:
         kin: kinematics of the robot (for sizes and frames).
         contacts: soles that may touch the ground.
         weights: weights and gains.
         solver: name of the QP solver.
+        condition_count: k, number of conditions on the acceleration that every problem has.
 
     Raises:
         ConfigError: unknown solver.
@@ -109,7 +123,12 @@ class DynWbc:
     """
 
     def __init__(
-        self, kin: Kinematics, contacts: Sequence[SoleContact], weights: DynWbcWeights, solver: str = "daqp"
+        self,
+        kin: Kinematics,
+        contacts: Sequence[SoleContact],
+        weights: DynWbcWeights,
+        solver: str = "daqp",
+        condition_count: int = 0,
     ) -> None:
         self.weights = weights
         self.frame_ids = [kin.frame_id(c.frame) for c in contacts]
@@ -117,14 +136,21 @@ class DynWbc:
         self.nf = 6 * len(self.frame_ids)
         self.nx = self.nj + self.nf
         self.effort = kin.robot.joint_array("effort")
-        self._solver = make_solver(solver, self.nx, 16 * len(contacts) + self.nj)
-        self._rows = np.zeros((16 * len(contacts) + self.nj, self.nx))
+        self._hard = 16 * len(contacts) + self.nj
+        m = self._hard + condition_count
+        self._solver = make_solver(solver, self.nx, m)
+        self._condition_count = condition_count
+        if condition_count:
+            slack_weights = np.concatenate([np.full(self._hard, np.inf), np.ones(condition_count)])
+            self._least_slack = make_solver("daqp", self.nx, m, slack_weights)
+        self._rows = np.zeros((m, self.nx))
         for i, contact in enumerate(contacts):
             columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
             self._rows[16 * i : 16 * i + 16, columns] = wrench_cone(contact)
         free = np.full(self.nx, UNBOUNDED)
-        self._lower = np.concatenate([-free, np.full(16 * len(contacts), -UNBOUNDED), -self.effort])
-        self._upper = np.concatenate([free, np.zeros(16 * len(contacts)), self.effort])
+        absent = np.full(condition_count, UNBOUNDED)
+        self._lower = np.concatenate([-free, np.full(16 * len(contacts), -UNBOUNDED), -self.effort, -absent])
+        self._upper = np.concatenate([free, np.zeros(16 * len(contacts)), self.effort, absent])
         self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
         self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
 
@@ -148,7 +174,13 @@ class DynWbc:
         return jacobian
 
     def build(
-        self, kin: Kinematics, acceleration: Array, wrench: Array, in_contact: Mask, contact_bias: Array | None = None
+        self,
+        kin: Kinematics,
+        acceleration: Array,
+        wrench: Array,
+        in_contact: Mask,
+        contact_bias: Array | None = None,
+        conditions: tuple[Array, Array] | None = None,
     ) -> DynWbcProblem:
         """Assemble the reduced QP.
 
@@ -158,9 +190,13 @@ class DynWbc:
             wrench: shape (6 n,) reference wrenches in sole axes [N, N m].
             in_contact: shape (n,) bool; the wrench of a foot that is not in contact is held at zero.
             contact_bias: shape (6 n,) J_c_dot q_dot in sole axes; used with the soft contact term only.
+            conditions: A (k, nv) and b (k,) of A q_ddot >= b, as many as announced.
 
         Returns:
             The problem and the maps back to base acceleration and torques.
+
+        Raises:
+            ValueError: another number of conditions than announced.
         """
         nj, nx, w = self.nj, self.nx, self.weights
         jacobian = self.contact_jacobian(kin, in_contact)
@@ -186,8 +222,21 @@ class DynWbc:
         if w.contact > 0:
             self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
         lower, upper = self._bounds(in_contact, torque_map[1])
-        self._rows[-nj:] = torque_map[0]
+        self._rows[self._hard - nj : self._hard] = torque_map[0]
+        self._add_conditions(conditions, base_map, lower)
         return DynWbcProblem(hessian, gradient, self._rows, lower, upper, base_map, torque_map)
+
+    def _add_conditions(self, conditions: tuple[Array, Array] | None, base: tuple[Array, Array], lower: Array) -> None:
+        """Conditions on the whole acceleration as rows over x."""
+        count = 0 if conditions is None else len(conditions[1])
+        if count != self._condition_count:
+            raise ValueError(f"{count} conditions on the acceleration given, {self._condition_count} announced")
+        if conditions is not None and count:
+            matrix, bound = conditions
+            rows = self._rows[self._hard :]
+            np.matmul(matrix[:, :6], base[0], out=rows)
+            rows[:, : self.nj] += matrix[:, 6:]
+            lower[-count:] = bound - matrix[:, :6] @ base[1]
 
     def _add_contact_term(
         self,
@@ -210,8 +259,9 @@ class DynWbc:
             if not touching:
                 columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
                 lower[columns] = upper[columns] = 0.0
-        lower[-self.nj :] -= torque_0
-        upper[-self.nj :] -= torque_0
+        torques = slice(self.nx + self._hard - self.nj, self.nx + self._hard)
+        lower[torques] -= torque_0
+        upper[torques] -= torque_0
         return lower, upper
 
     def solve(self, problem: DynWbcProblem) -> DynWbcResult:
@@ -221,6 +271,9 @@ class DynWbc:
             The optimum; when the solver gives none, the last optimal torques with the solver's status.
         """
         solution = self._solver.solve(problem.hessian, problem.gradient, problem.rows, problem.lower, problem.upper)
+        relaxed = solution.status != "optimal" and self._condition_count > 0
+        if relaxed:
+            solution = self._relaxed(problem)
         if solution.status != "optimal":
             return replace(self._last, status=solution.status, iterations=solution.iterations)
         x = solution.x
@@ -228,8 +281,19 @@ class DynWbc:
         torque, torque_0 = problem.torque
         acceleration = np.concatenate([base @ x + base_0, x[: self.nj]])
         wrench = x[self.nj :].copy()
-        self._last = DynWbcResult(torque @ x + torque_0, acceleration, wrench, "optimal", solution.iterations)
+        self._last = DynWbcResult(torque @ x + torque_0, acceleration, wrench, "optimal", solution.iterations, relaxed)
         return self._last
+
+    def _relaxed(self, problem: DynWbcProblem) -> QpSolution:
+        """The optimum with the conditions lowered by their least sum of squared violations."""
+        hessian, gradient = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
+        least = self._least_slack.solve(hessian, gradient, problem.rows, problem.lower, problem.upper)
+        if least.status != "optimal":
+            return least
+        lower, count = problem.lower.copy(), self._condition_count
+        violation = lower[-count:] - problem.rows[-count:] @ least.x
+        lower[-count:] -= np.maximum(violation, 0.0) + SLACK_ROUNDING
+        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, problem.upper)
 
 
 def contact_bias_acceleration(kin: Kinematics, frame_ids: Sequence[int]) -> Array:

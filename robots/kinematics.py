@@ -1,12 +1,21 @@
 """Kinematics and dynamics of one tick: computed once, read by every layer."""
 
+import math
+from collections.abc import Sequence
+
 import numpy as np
 import pinocchio as pin
 
+from robots.checks import require_one_of
 from robots.description import RobotDescription
-from robots.errors import UnknownNameError
+from robots.errors import ConfigError, UnknownNameError
 from robots.messages import Array
-from robots.pinocchio_model import build_pinocchio_model
+from robots.pinocchio_model import (
+    BASE_SIZES,
+    build_pinocchio_model,
+    moving_joint_indices,
+    standing_configuration,
+)
 
 SE3_BYTES = 96
 """Size of pinocchio's SE3: rotation (9 doubles, column-major), then translation (3 doubles)."""
@@ -21,15 +30,25 @@ class _Borrowed:
 
 
 class Kinematics:
-    """All model quantities at one state (q, v), for a floating-base robot.
+    """All model quantities at one state (q, v), for a robot on a floating, planar or fixed base.
 
-    :meth:`update` computes everything; the attributes are views into pinocchio's memory, valid until the next
-    update, and must not be written to.
+    :meth:`update` computes everything but the second-order arrays, :meth:`update_motion` what a barrier needs at
+    acceleration level, :meth:`update_geometry` what it needs at velocity level. The attributes are views into
+    pinocchio's memory, valid until the next update, and must not be written to.
 
     Attributes:
         robot: the description.
         model: pinocchio model.
         data: pinocchio data.
+        base: ``floating``, ``planar`` or ``fixed``; what q and v then hold: see
+            :func:`robots.pinocchio_model.build_pinocchio_model`.
+        nq: length of q.
+        nv: length of v.
+        nq_base: how many entries of q belong to the base: 7, 4 or 0.
+        nv_base: how many entries of v belong to the base: 6, 3 or 0.
+        joint_names: names of the joints that may move, in the order of q and v.
+        joint_indices: shape (nj,) their places in ``robot.joints``.
+        position_limits: (lower, upper) of the joints that may move, each (nj,) [rad].
         q: shape (nq,) configuration of the last update.
         v: shape (nv,) velocity of the last update.
         mass_matrix: shape (nv, nv), rotor inertia included [kg, kg m, kg m^2].
@@ -37,16 +56,58 @@ class Kinematics:
         world_jacobian: shape (6, nv); column k is the velocity that joint rate k gives to a body it carries, as
             [velocity of the point at the world's origin; angular velocity], world axes.
         joint_transforms: shape (njoints, 12); row i is rotation (column-major) and translation of joint i's frame in
-            the world.
-        com: shape (3,) centre of mass in the world [m].
+            the world; row 0 is the world itself, which carries what does not move.
+        support: shape (njoints, nv); 1 where velocity index k moves joint i's frame, 0 elsewhere.
+        joint_velocities: shape (njoints, 6); row i is the spatial velocity of the body that joint i carries, as
+            [velocity of its point at the world's origin [m/s]; angular velocity [rad/s]], world axes.
+        joint_accelerations: shape (njoints, 6); row i is the time derivative of row i of ``joint_velocities`` at zero
+            generalised acceleration [m/s^2, rad/s^2]. With velocity [u; omega] and acceleration [a; alpha], the
+            material point at p accelerates by a + alpha x p + omega x (u + omega x p).
+        com: shape (3,) centre of mass in the world [m], of the bodies that may move.
         com_velocity: shape (3,) its velocity [m/s].
         com_jacobian: shape (3, nv).
     """
 
-    def __init__(self, robot: RobotDescription, model: pin.Model | None = None) -> None:
-        """Build the model's work space; ``model`` replaces the one built from the description."""
+    def __init__(
+        self,
+        robot: RobotDescription,
+        model: pin.Model | None = None,
+        base: str = "floating",
+        joints: Sequence[str] | None = None,
+        posture: str = "standing",
+    ) -> None:
+        """Build the model's work space.
+
+        Args:
+            robot: a checked description.
+            model: replaces the model built from the description; its base and joints must be those given here.
+            base: ``floating``, ``planar`` or ``fixed``.
+            joints: names of the joints that may move; all of them if not given.
+            posture: gives the height of a base that does not float, and the angles of the locked joints.
+
+        Raises:
+            ConfigError: no such base, nothing left that moves, or a model of another size.
+            UnknownNameError: no such joint.
+            DescriptionError: no such posture.
+        """
+        require_one_of("base", base, tuple(BASE_SIZES))
         self.robot = robot
-        self.model = build_pinocchio_model(robot) if model is None else model
+        self.base = base
+        self.nq_base, self.nv_base = BASE_SIZES[base]
+        self.joint_indices = moving_joint_indices(robot, joints)
+        self.joint_names = tuple(robot.joint_names[i] for i in self.joint_indices)
+        lower, upper = robot.position_limits
+        self.position_limits = (lower[self.joint_indices], upper[self.joint_indices])
+        self._home = robot.posture(posture)
+        self.model = build_pinocchio_model(robot, base, joints, posture) if model is None else model
+        nj = len(self.joint_names)
+        if (self.model.nq, self.model.nv) != (self.nq_base + nj, self.nv_base + nj):
+            allowed = f"a model of a {base} base and {nj} joints"
+            raise ConfigError("model", f"nq {self.model.nq}, nv {self.model.nv}", allowed)
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Allocate the work space and the views into it."""
         self.data = self.model.createData()
         self.nq: int = self.model.nq
         self.nv: int = self.model.nv
@@ -62,6 +123,10 @@ class Kinematics:
         self._frame_ids: dict[str, int] = {f.name: i for i, f in enumerate(self.model.frames)}
         self._placements = self._frame_placement_views()
         self.support = self._support_mask()
+        self._jacobian_rate = self._borrow(self.data.dJ)
+        self._rates = np.zeros((self.model.njoints, self.nv))
+        self.joint_velocities = np.zeros((self.model.njoints, 6))
+        self.joint_accelerations = np.zeros((self.model.njoints, 6))
 
     def _borrow(self, view: Array) -> Array:
         """The same memory as ``view``, kept for as long as the array returned is in use."""
@@ -108,6 +173,45 @@ class Kinematics:
         np.copyto(self.q, q)
         pin.computeJointJacobians(self.model, self.data, self.q)
         pin.updateFramePlacements(self.model, self.data)
+
+    def update_motion(self, q: Array, v: Array) -> None:
+        """As :meth:`update_geometry`, and the bodies' velocities and accelerations, at ``q`` (nq,) and ``v`` (nv,)."""
+        np.copyto(self.q, q)
+        np.copyto(self.v, v)
+        pin.computeJointJacobiansTimeVariation(self.model, self.data, self.q, self.v)
+        pin.updateFramePlacements(self.model, self.data)
+        self.update_second_order()
+
+    def update_second_order(self) -> None:
+        """Compute ``joint_velocities`` and ``joint_accelerations`` at the state of the last :meth:`update`."""
+        np.multiply(self.support, self.v, out=self._rates)
+        np.matmul(self._rates, self.world_jacobian.T, out=self.joint_velocities)
+        np.matmul(self._rates, self._jacobian_rate.T, out=self.joint_accelerations)
+
+    def joint_array(self, attribute: str) -> Array:
+        """One number per joint that may move, shape (nj,): ``attribute`` is a field of ``Joint``."""
+        return self.robot.joint_array(attribute)[self.joint_indices]
+
+    def posture(self, name: str = "standing") -> Array:
+        """Configuration (nq,) of a named posture: base over the world's origin; locked joints stay where they are.
+
+        Raises:
+            DescriptionError: no such posture.
+        """
+        full = standing_configuration(self.robot, name)
+        base = {"floating": full[:7], "planar": np.array([0.0, 0.0, 1.0, 0.0]), "fixed": np.empty(0)}[self.base]
+        return np.concatenate([base, full[7:][self.joint_indices]])
+
+    def full_configuration(self, q: Array) -> Array:
+        """The configuration ``q`` (nq,) as one of the floating base and all joints, (7 + number of all joints,)."""
+        joints = self._home.joints.copy()
+        joints[self.joint_indices] = q[self.nq_base :]
+        if self.base == "floating":
+            return np.concatenate([q[:7], joints])
+        x, y, cosine, sine = q[:4] if self.base == "planar" else (0.0, 0.0, 1.0, 0.0)
+        half = 0.5 * math.atan2(sine, cosine)
+        base = [x, y, self._home.base_height, 0.0, 0.0, math.sin(half), math.cos(half)]
+        return np.concatenate([base, joints])
 
     def frame_id(self, name: str) -> int:
         """Index of a frame.

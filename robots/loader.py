@@ -62,14 +62,31 @@ def load_robot(name_or_path: str | Path) -> RobotDescription:
     return _read(path)
 
 
+Pairs = tuple[tuple[str, str], ...]
+
+
+def read_collisions(path: Path) -> tuple[tuple[CollisionShape, ...], Pairs, Pairs]:
+    """The collision bodies of a file that holds nothing else, its self-collision pairs, and among those the legs'.
+
+    Raises:
+        DescriptionError: the file is missing, is not TOML, or holds an entry that is not allowed.
+    """
+    reader = _Reader(path, _parse(path))
+    shapes = tuple(reader._collision(c) for c in reader._tables("collision"))
+    return shapes, reader._pairs("pairs") + reader._pairs("leg_pairs"), reader._pairs("leg_pairs")
+
+
 def _read(path: Path) -> RobotDescription:
+    return _Reader(path, _parse(path)).description()
+
+
+def _parse(path: Path) -> dict[str, Any]:
     try:
-        table = tomllib.loads(path.read_text(encoding="utf-8"))
+        return tomllib.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
         raise DescriptionError(path, "file", str(path), f"readable ({error.strerror})") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise DescriptionError(path, "file", str(path), f"valid TOML ({error})") from error
-    return _Reader(path, table).description()
 
 
 class _Reader:

@@ -144,13 +144,13 @@ class FramePoseTask(Task):
 class PostureTask(Task):
     """Joints to ``joints`` (nj,); the base is left alone."""
 
-    def __init__(self, nj: int, gains: TaskGains) -> None:
-        """For ``nj`` joints behind a floating base."""
+    def __init__(self, nj: int, gains: TaskGains, nv_base: int = 6) -> None:
+        """For ``nj`` joints behind a base whose velocity has ``nv_base`` entries: see :class:`Kinematics`."""
         super().__init__(gains)
         self.rows = nj
         self.joints = np.zeros(nj)
-        self._jacobian = np.hstack([np.zeros((nj, 6)), np.eye(nj)])
+        self._jacobian = np.hstack([np.zeros((nj, nv_base)), np.eye(nj)])
 
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`."""
-        return self._jacobian, self.gains.correction(self.joints - kin.q[7:])
+        return self._jacobian, self.gains.correction(self.joints - kin.q[kin.nq_base :])

@@ -1,30 +1,102 @@
-"""Conditions: what a filter demands of the velocity, as half-spaces."""
+r"""Conditions: what a filter demands of the input, as half-spaces, and the parameters that they have.
 
+:math:`h \ge 0` is safe. Papers with energy functions write :math:`\phi = d_{min} - h`, where the margin
+:math:`d_{min}` is the family's; :math:`\phi \ge 0` is then the same as :math:`h \le d_{min}`.
+
+What is left of a promise in discrete time: with the velocity held for a step dt,
+:math:`h_{k+1} \ge h_k + dt\,\dot h_k - \tfrac12 c\,dt^2`, where c bounds the size of :math:`\ddot h` along the step.
+
+- CBF, for :math:`\alpha\,dt \le 1`: :math:`h_{k+1} - d_{min} \ge (1 - \alpha\,dt)(h_k - d_{min}) - \tfrac12 c\,dt^2`.
+  From :math:`h_0 \ge d_{min}` on therefore :math:`h_k \ge d_{min} - c\,dt/(2\alpha)`.
+- SSA and SSS see a row only once it is inside its margin, so one step may carry it in by :math:`dt\,V`, where V bounds
+  the rate at which h falls. SSA then raises it again if :math:`c\,dt \le 2\eta`: :math:`h_k \ge d_{min} - dt\,V`. SSS,
+  for :math:`\lambda\,dt \le 1`: :math:`h_k \ge d_{min} - \max(dt\,V,\; c\,dt/(2\lambda))`.
+- SMA and PFM hold one row at a time and promise nothing about the others.
+
+So the margins of SSA, SSS and their kin have to be above :math:`dt\,V`; that is what their defaults are for.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from robots.checks import require_positive
-from robots.messages import Array
+from robots.checks import require_non_negative, require_positive
+from robots.errors import ConfigError
+from robots.messages import Array, Indices
 from safety.rows import FAMILIES, BarrierRows, HalfSpaces
+
+NO_MARGINS: Mapping[str, float] = dict.fromkeys(FAMILIES, 0.0)
+"""Margins of CBF, ISSf-CBF and eCBF: the barrier as it is, as in Lee et al."""
+
+SET_MARGINS: Mapping[str, float] = {
+    "joint_limit": 0.05,
+    "self_collision": 0.01,
+    "leg_collision": 0.01,
+    "obstacle": 0.05,
+    "workspace": 0.02,
+    "custom": 0.05,
+}
+"""Margins of the filters that act inside them only: obstacles 0.05 m and self-collision 0.01 m as in sec. V-B of the
+p-SSA paper. The others are ours: what a joint at 10 rad/s and a hand at 4 m/s do in 5 ms; custom as obstacles."""
 
 
 @dataclass(frozen=True, slots=True)
 class FamilyParameters:
-    """Parameters of one constraint family; each filter reads those that its condition has.
+    """Parameters of one constraint family; each filter reads those that its condition and its resolution have.
+
+    The defaults of eta and slack_weight are those of the p-SSA paper (sec. V-C, V-E), those of slope, push_cartesian
+    and push_joint those of SPARK's Table 11 for its first case, G1FixedBase_D1_AG_SO_v0.
 
     Attributes:
         alpha: slope of the class-K function of CBF, ISSf-CBF and eCBF [1/s], above 0.
         epsilon: ISSf parameter, above 0; smaller is more cautious. At rest a row keeps the margin
             ``|jac|^2 / (alpha epsilon)``. Unit: that of |jac|^2 over that of the rate of h, e.g. [m s/rad^2].
+        margin: d_min, the h to keep [m or rad], 0 or above; ``None`` for the filter's own.
+        eta: rate at which SSA, r-SSA and p-SSA leave the margin [m/s or rad/s], above 0.
+        slope: lambda of SSS [1/s], above 0.
+        slack_weight: weight of squared violation in r-SSA [s/m squared times that of |v|^2], above 0.
+        push_cartesian: velocity that PFM adds to the worst row's point [m/s], above 0.
+        push_joint: velocity that SMA adds per gradient of the worst row [rad/s per m/rad], above 0.
+        index_gain: k of the second-order index [s for power 1], above 0.
+        index_power: n of the second-order index, 1 or above: below, its slope at h = 0 is infinite.
     """
 
     alpha: float = 5.0
     epsilon: float = 5.0
+    margin: float | None = None
+    eta: float = 0.5
+    slope: float = 10.0
+    slack_weight: float = 10.0
+    push_cartesian: float = 0.1
+    push_joint: float = 40.0
+    index_gain: float = 1.0
+    index_power: float = 1.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            require_positive(name, getattr(self, name))
+            if name != "margin":
+                require_positive(name, getattr(self, name))
+        if self.margin is not None:
+            require_non_negative("margin", self.margin)
+        if self.index_power < 1:
+            raise ConfigError("index_power", self.index_power, "1 or above")
+
+
+@dataclass(frozen=True, slots=True)
+class RowParameters:
+    """The parameters of each row, shape (n,) each; see :class:`FamilyParameters`."""
+
+    alpha: Array
+    epsilon: Array
+    margin: Array
+    eta: Array
+    slope: Array
+    slack_weight: Array
+    push_cartesian: Array
+    push_joint: Array
+    index_gain: Array
+    index_power: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,41 +112,115 @@ class BarrierParameters:
 
     def values(self, name: str) -> Array:
         """The parameter ``name`` of every family, shape (len(FAMILIES),), in the order of ``FAMILIES``."""
-        return np.array([getattr(getattr(self, f), name) for f in FAMILIES])
+        return np.array([getattr(getattr(self, f), name) for f in FAMILIES], dtype=float)
+
+    def margins(self, defaults: Mapping[str, float]) -> Array:
+        """The margin of every family, shape (len(FAMILIES),); ``defaults`` by family where it has none of its own."""
+        own = {f: getattr(self, f).margin for f in FAMILIES}
+        return np.array([defaults[f] if own[f] is None else own[f] for f in FAMILIES], dtype=float)
+
+    def of_rows(self, family: Indices, margins: Mapping[str, float] = NO_MARGINS) -> RowParameters:
+        """The parameters row by row.
+
+        Args:
+            family: shape (n,) index into ``FAMILIES``.
+            margins: by family, for those that have none of their own.
+        """
+        names = [name for name in FamilyParameters.__slots__ if name != "margin"]
+        own = {name: self.values(name)[family] for name in names}
+        return RowParameters(margin=self.margins(margins)[family], **own)
 
 
-def cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
+def cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     r"""Half-spaces of the control barrier condition.
 
-    .. math:: J_i v + \partial_t h_i \ge -\alpha_i h_i
+    .. math:: J_i v + \partial_t h_i \ge -\alpha_i (h_i - d_{min,i})
 
-    Source: eq. (5) of Lee et al. with linear class-K function, the ``CBF`` baseline of their section 5.2.
+    Source: eq. (5) of Lee et al. with linear class-K function, on the system of their eq. (31); eq. (6) of SPARK.
 
     Args:
         rows: n barrier rows.
-        parameters: alpha by family.
+        parameters: alpha and margin are read.
 
     Returns:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
-    alpha = parameters.values("alpha")[rows.family]
-    return HalfSpaces(rows.jac, -alpha * rows.h - rows.drift, np.ones(rows.h.size, dtype=bool))
+    b = parameters.alpha * (parameters.margin - rows.h) - rows.drift
+    return HalfSpaces(rows.jac, b, np.ones(rows.h.size, dtype=bool))
 
 
-def issf_cbf(rows: BarrierRows, parameters: BarrierParameters) -> HalfSpaces:
+def issf_cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     r"""Half-spaces of the input-to-state safe control barrier condition.
 
-    .. math:: J_i v + \partial_t h_i \ge -\alpha_i h_i + \|J_i\|^2 / \varepsilon_i
+    .. math:: J_i v + \partial_t h_i \ge -\alpha_i (h_i - d_{min,i}) + \|J_i\|^2 / \varepsilon_i
 
     Source: eqs. (32), (39), (40), (45), (49), (53) of Lee et al.
 
     Args:
         rows: n barrier rows.
-        parameters: alpha and epsilon by family.
+        parameters: alpha, epsilon and margin are read.
 
     Returns:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
     base = cbf(rows, parameters)
     squared = np.vecdot(rows.jac, rows.jac)
-    return HalfSpaces(base.A, base.b + squared / parameters.values("epsilon")[rows.family], base.active)
+    return HalfSpaces(base.A, base.b + squared / parameters.epsilon, base.active)
+
+
+def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
+    r"""Half-spaces of the safe set algorithm, of r-SSA and of p-SSA.
+
+    .. math:: J_i v + \partial_t h_i \ge \eta_i \quad\text{where}\quad h_i \le d_{min,i}
+
+    Source: eqs. (6b), (9b), (10b), (12b) of the p-SSA paper, eq. (5) of SPARK.
+
+    Args:
+        rows: n barrier rows.
+        parameters: eta and margin are read.
+
+    Returns:
+        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin.
+    """
+    return HalfSpaces(rows.jac, parameters.eta - rows.drift, rows.h <= parameters.margin)
+
+
+def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
+    r"""Half-spaces of the sublevel safe set algorithm.
+
+    .. math:: J_i v + \partial_t h_i \ge -\lambda_i (h_i - d_{min,i}) \quad\text{where}\quad h_i \le d_{min,i}
+
+    Source: eq. (7) of SPARK.
+
+    Args:
+        rows: n barrier rows.
+        parameters: slope and margin are read.
+
+    Returns:
+        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin.
+    """
+    depth = parameters.margin - rows.h
+    return HalfSpaces(rows.jac, parameters.slope * depth - rows.drift, depth >= 0)
+
+
+def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
+    r"""Half-space of the row deepest inside its margin: it must not go deeper.
+
+    .. math:: J_i v + \partial_t h_i \ge 0 \quad\text{for}\quad i = \arg\max_j \, d_{min,j} - h_j,\;
+        \text{if}\; h_i \le d_{min,i}
+
+    Source: what eq. (13) of SPARK promises of its sliding mode algorithm.
+
+    Args:
+        rows: n barrier rows.
+        parameters: margin is read.
+
+    Returns:
+        A (n, nv) is the rows' own ``jac``, b (n,) is new; active is that row, or none.
+    """
+    depth = parameters.margin - rows.h
+    active = np.zeros(depth.size, dtype=bool)
+    if depth.size:
+        worst = int(depth.argmax())
+        active[worst] = depth[worst] >= 0
+    return HalfSpaces(rows.jac, -rows.drift, active)

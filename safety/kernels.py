@@ -1,215 +1,154 @@
-"""Compiled geometry: closest points of segments, distances and gradients of many capsule pairs in one call."""
-
-import math
+"""Compiled rows: from contacts (see :mod:`safety.geometry`) to gradients, drift and second derivatives."""
 
 import numpy as np
 from numba import njit
 
 from robots.messages import Array, Indices
 
-DEGENERATE = 1e-9
-"""Centre lines closer than this [m] have no direction between them; the normal is then chosen (see below)."""
+NO_DIRECTION = 1e-9
+"""Contact points closer than this [m] turn the normal at no rate: it is chosen there, and does not depend on them."""
+
+ALIGNED = 1e-12
+"""Free directions whose Gram determinant is below this count as one: points slide the same along either."""
 
 
-@njit(cache=True)
-def closest_parameters(p0: Array, d1: Array, q0: Array, d2: Array) -> tuple[float, float]:
-    """Parameters in [0, 1] of the closest points of the segments p0 + s d1 and q0 + t d2 (each (3,), [m]).
-
-    Points count as segments of no length. Parallel segments that face each other touch along an interval; its middle
-    is taken, so that the answer does not depend on rounding.
-    """
-    a = d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
-    e = d2[0] * d2[0] + d2[1] * d2[1] + d2[2] * d2[2]
-    r0, r1, r2 = p0[0] - q0[0], p0[1] - q0[1], p0[2] - q0[2]
-    c = d1[0] * r0 + d1[1] * r1 + d1[2] * r2
-    f = d2[0] * r0 + d2[1] * r1 + d2[2] * r2
-    tiny = 1e-18
-    if a <= tiny and e <= tiny:
-        return 0.0, 0.0
-    if a <= tiny:
-        return 0.0, min(max(f / e, 0.0), 1.0)
-    if e <= tiny:
-        return min(max(-c / a, 0.0), 1.0), 0.0
-    b = d1[0] * d2[0] + d1[1] * d2[1] + d1[2] * d2[2]
-    denominator = a * e - b * b
-    if denominator <= 1e-12 * a * e:
-        u = min(max(-c / a, 0.0), 1.0)
-        w = min(max((b - c) / a, 0.0), 1.0)
-        s = 0.5 * (u + w)
-    else:
-        s = min(max((b * f - c * e) / denominator, 0.0), 1.0)
-    t = (b * s + f) / e
-    if t < 0.0 or t > 1.0:
-        t = min(max(t, 0.0), 1.0)
-        s = min(max((b * t - c) / a, 0.0), 1.0)
-    return s, t
-
-
-@njit(cache=True)
-def fallback_normal(d1: Array, d2: Array) -> tuple[float, float, float]:
-    """Unit normal for centre lines that meet: across both segments, else across the longer one, else world x."""
-    nx = d1[1] * d2[2] - d1[2] * d2[1]
-    ny = d1[2] * d2[0] - d1[0] * d2[2]
-    nz = d1[0] * d2[1] - d1[1] * d2[0]
-    norm = math.sqrt(nx * nx + ny * ny + nz * nz)
-    if norm > DEGENERATE:
-        return nx / norm, ny / norm, nz / norm
-    a = d1[0] * d1[0] + d1[1] * d1[1] + d1[2] * d1[2]
-    e = d2[0] * d2[0] + d2[1] * d2[1] + d2[2] * d2[2]
-    d = d1 if a >= e else d2
-    horizontal = math.sqrt(d[0] * d[0] + d[1] * d[1])
-    if horizontal > DEGENERATE:
-        return -d[1] / horizontal, d[0] / horizontal, 0.0
-    return 1.0, 0.0, 0.0
-
-
-@njit(cache=True)
-def place_segments(
-    transforms: Array, joints: Indices, start: Array, end: Array, origin: Array, direction: Array
+@njit(cache=True, error_model="numpy")
+def contact_gradients(
+    contacts: Array, joints_a: Indices, joints_b: Indices, jacobian: Array, support: Array, jac: Array
 ) -> None:
-    """Segments fixed to joints, into the world: writes ``origin`` and ``direction``, each (n, 3).
+    """Gradients of signed distances: writes ``jac`` (n, nv).
 
-    ``transforms`` (njoints, 12) as :attr:`robots.kinematics.Kinematics.joint_transforms`, ``joints`` (n,) the joint
-    of each segment, ``start`` and ``end`` (n, 3) in the joint's frame [m].
+    A force along the normal n through the contact points is the same wrench [n; p x n] on both bodies, so an entry is
+    (wrench . world Jacobian), counted where exactly one of the two bodies is carried.
+
+    Args:
+        contacts: shape (n, ``CONTACT_SIZE``).
+        joints_a: shape (n,) joint that carries each first body; 0 is the world.
+        joints_b: shape (n,) likewise of the second bodies.
+        jacobian: shape (6, nv), :attr:`robots.kinematics.Kinematics.world_jacobian`.
+        support: shape (njoints, nv), :attr:`robots.kinematics.Kinematics.support`.
+        jac: shape (n, nv), written.
     """
-    for i in range(joints.size):
-        m = transforms[joints[i]]
+    nv = jac.shape[1]
+    # side by side in memory: the inner loop then runs over four columns at a time
+    columns = np.empty((6, nv))
+    for r in range(6):
+        for k in range(nv):
+            columns[r, k] = jacobian[r, k]
+    for i in range(jac.shape[0]):
+        p0, p1, p2, n0, n1, n2 = contacts[i, :6]
+        m0, m1, m2 = p1 * n2 - p2 * n1, p2 * n0 - p0 * n2, p0 * n1 - p1 * n0
+        a, b = joints_a[i], joints_b[i]
+        for k in range(nv):
+            linear = n0 * columns[0, k] + n1 * columns[1, k] + n2 * columns[2, k]
+            angular = m0 * columns[3, k] + m1 * columns[4, k] + m2 * columns[5, k]
+            jac[i, k] = (support[a, k] - support[b, k]) * (linear + angular)
+
+
+@njit(cache=True, error_model="numpy")
+def contact_drift(contacts: Array, bodies: Indices, twists: Array, drift: Array) -> None:
+    """Rate of the signed distance from the second bodies' own motion: writes ``drift`` (n,) [m/s].
+
+    ``bodies`` (n,) index the rows of ``twists`` (nb, 6): velocity of the body-fixed point at the world's origin [m/s],
+    then angular velocity [rad/s].
+    """
+    for i in range(drift.size):
+        p, n, w = contacts[i, :3], contacts[i, 3:6], twists[bodies[i]]
+        linear = n[0] * w[0] + n[1] * w[1] + n[2] * w[2]
+        m0, m1, m2 = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
+        drift[i] = -(linear + m0 * w[3] + m1 * w[4] + m2 * w[5])
+
+
+@njit(cache=True, error_model="numpy")
+def _point_motion(twist: Array, rate: Array, p: Array, sign: float, velocity: Array, acceleration: Array) -> None:
+    """Adds ``sign`` times velocity and (classical) acceleration of a body's material point at ``p`` (3,)."""
+    w = twist[3:]
+    vx = twist[0] + w[1] * p[2] - w[2] * p[1]
+    vy = twist[1] + w[2] * p[0] - w[0] * p[2]
+    vz = twist[2] + w[0] * p[1] - w[1] * p[0]
+    velocity[0] += sign * vx
+    velocity[1] += sign * vy
+    velocity[2] += sign * vz
+    acceleration[0] += sign * (rate[0] + rate[4] * p[2] - rate[5] * p[1] + w[1] * vz - w[2] * vy)
+    acceleration[1] += sign * (rate[1] + rate[5] * p[0] - rate[3] * p[2] + w[2] * vx - w[0] * vz)
+    acceleration[2] += sign * (rate[2] + rate[3] * p[1] - rate[4] * p[0] + w[0] * vy - w[1] * vx)
+
+
+@njit(cache=True, error_model="numpy")
+def _spin_across(w: Array, u: Array, n: Array) -> float:
+    """Rate n . (w x u) at which a direction u fixed to a body of angular velocity w turns towards n."""
+    return n[0] * (w[1] * u[2] - w[2] * u[1]) + n[1] * (w[2] * u[0] - w[0] * u[2]) + n[2] * (w[0] * u[1] - w[1] * u[0])
+
+
+@njit(cache=True, error_model="numpy")
+def contact_curvature(
+    contacts: Array,
+    bodies_a: Indices,
+    bodies_b: Indices,
+    twists_a: Array,
+    rates_a: Array,
+    twists_b: Array,
+    rates_b: Array,
+    curvature: Array,
+) -> None:
+    r"""Second derivative of signed distances at zero acceleration: writes ``curvature`` (n,) [m/s^2].
+
+    With v and a the relative velocity and acceleration of the material points in contact, :math:`u_k` the free
+    directions, :math:`\beta_k = u_k \cdot v`, :math:`\kappa_k = n \cdot \dot u_k` and :math:`G_{kl} = u_k \cdot u_l`,
+
+    .. math:: \ddot h = n \cdot a - 2 \kappa^T G^{-1} \beta - \delta \kappa^T G^{-1} \kappa
+        + \frac{|v|^2 - (n \cdot v)^2 - \beta^T G^{-1} \beta}{\delta}
+
+    It follows from differentiating :math:`(p_A - p_B) \cdot u_k = 0`, which says how fast the contact points slide on
+    their bodies. With two free directions these alone fix the normal, and the last term is zero. It is left out too
+    where :math:`|\delta|` is below ``NO_DIRECTION``. Of two free directions that are parallel the first is taken.
+
+    Args:
+        contacts: shape (n, ``CONTACT_SIZE``).
+        bodies_a: shape (n,) rows of ``twists_a`` and ``rates_a`` of the first bodies.
+        bodies_b: shape (n,) likewise of the second bodies.
+        twists_a: shape (na, 6) velocity of the body-fixed point at the world's origin [m/s], then angular [rad/s].
+        rates_a: shape (na, 6) time derivatives of ``twists_a`` at zero acceleration [m/s^2, rad/s^2].
+        twists_b: shape (nb, 6).
+        rates_b: shape (nb, 6).
+        curvature: shape (n,), written.
+    """
+    v, acc, p_b = np.empty(3), np.empty(3), np.empty(3)
+    beta, kappa = np.empty(2), np.empty(2)
+    for i in range(curvature.size):
+        p, n, delta = contacts[i, :3], contacts[i, 3:6], contacts[i, 6]
+        twist_a, twist_b = twists_a[bodies_a[i]], twists_b[bodies_b[i]]
         for k in range(3):
-            p = m[k] * start[i, 0] + m[3 + k] * start[i, 1] + m[6 + k] * start[i, 2] + m[9 + k]
-            q = m[k] * end[i, 0] + m[3 + k] * end[i, 1] + m[6 + k] * end[i, 2] + m[9 + k]
-            origin[i, k] = p
-            direction[i, k] = q - p
-
-
-@njit(cache=True)
-def _contact(p0: Array, d1: Array, q0: Array, d2: Array, point: Array, normal: Array) -> tuple[float, float]:
-    """Distance of two centre lines; writes the closest point on the first and the unit normal towards it."""
-    s, t = closest_parameters(p0, d1, q0, d2)
-    squared = 0.0
-    for k in range(3):
-        point[k] = p0[k] + s * d1[k]
-        normal[k] = point[k] - (q0[k] + t * d2[k])
-        squared += normal[k] * normal[k]
-    distance = math.sqrt(squared)
-    if distance > DEGENERATE:
-        for k in range(3):
-            normal[k] /= distance
-    else:
-        normal[0], normal[1], normal[2] = fallback_normal(d1, d2)
-    return distance, t
-
-
-@njit(cache=True)
-def _write_gradient(point: Array, normal: Array, jacobian: Array, side_a: Array, side_b: Array, row: Array) -> None:
-    """Writes ``row`` (nv,): rate along ``normal`` between two bodies at ``point``, for each joint rate.
-
-    A force along the normal n through the closest points is the same wrench [n; p x n] on both bodies, so an entry is
-    (wrench . world Jacobian), counted where exactly one of the two bodies is carried. ``side_a`` and ``side_b`` (nv,)
-    are the bodies' rows of the support mask.
-    """
-    n0, n1, n2 = normal[0], normal[1], normal[2]
-    m0 = point[1] * n2 - point[2] * n1
-    m1 = point[2] * n0 - point[0] * n2
-    m2 = point[0] * n1 - point[1] * n0
-    for k in range(row.size):
-        side = side_a[k] - side_b[k]
-        if side == 0.0:
-            row[k] = 0.0
-        else:
-            linear = n0 * jacobian[0, k] + n1 * jacobian[1, k] + n2 * jacobian[2, k]
-            row[k] = side * (linear + m0 * jacobian[3, k] + m1 * jacobian[4, k] + m2 * jacobian[5, k])
-
-
-@njit(cache=True)
-def self_collision_rows(
-    origin: Array,
-    direction: Array,
-    radius: Array,
-    joints: Indices,
-    pairs: Indices,
-    jacobian: Array,
-    support: Array,
-    h: Array,
-    jac: Array,
-) -> None:
-    """Distances and gradients of capsule pairs of one robot: writes ``h`` (n,) [m] and ``jac`` (n, nv)."""
-    point, normal = np.empty(3), np.empty(3)
-    for i in range(pairs.shape[0]):
-        a, b = pairs[i, 0], pairs[i, 1]
-        distance, _ = _contact(origin[a], direction[a], origin[b], direction[b], point, normal)
-        h[i] = distance - (radius[a] + radius[b])
-        _write_gradient(point, normal, jacobian, support[joints[a]], support[joints[b]], jac[i])
-
-
-@njit(cache=True)
-def obstacle_rows(
-    origin: Array,
-    direction: Array,
-    radius: Array,
-    joints: Indices,
-    obstacle_origin: Array,
-    obstacle_direction: Array,
-    obstacle_radius: Array,
-    obstacle_velocity: Array,
-    obstacle_spin: Array,
-    jacobian: Array,
-    support: Array,
-    h: Array,
-    jac: Array,
-    drift: Array,
-) -> None:
-    """Distances, gradients and drift of every robot capsule against every obstacle capsule, robot-major.
-
-    ``obstacle_velocity`` (m, 3) is that of the obstacle's segment origin [m/s], ``obstacle_spin`` (m, 3) its angular
-    velocity [rad/s], world axes. Writes ``h`` (n m,), ``jac`` (n m, nv), ``drift`` (n m,).
-    """
-    point, normal, arm = np.empty(3), np.empty(3), np.empty(3)
-    world = support[0]
-    row = 0
-    for a in range(radius.size):
-        for o in range(obstacle_radius.size):
-            distance, t = _contact(origin[a], direction[a], obstacle_origin[o], obstacle_direction[o], point, normal)
-            h[row] = distance - (radius[a] + obstacle_radius[o])
-            for k in range(3):
-                arm[k] = t * obstacle_direction[o, k]
-            spin = obstacle_spin[o]
-            vx = obstacle_velocity[o, 0] + spin[1] * arm[2] - spin[2] * arm[1]
-            vy = obstacle_velocity[o, 1] + spin[2] * arm[0] - spin[0] * arm[2]
-            vz = obstacle_velocity[o, 2] + spin[0] * arm[1] - spin[1] * arm[0]
-            drift[row] = -(normal[0] * vx + normal[1] * vy + normal[2] * vz)
-            _write_gradient(point, normal, jacobian, support[joints[a]], world, jac[row])
-            row += 1
-
-
-@njit(cache=True)
-def workspace_rows(
-    transforms: Array,
-    joints: Indices,
-    points: Array,
-    d_max: Array,
-    jacobian: Array,
-    support: Array,
-    h: Array,
-    jac: Array,
-) -> None:
-    """Distances of pairs of points below a bound: writes ``h`` (n,) [m] and ``jac`` (n, nv).
-
-    ``transforms`` as in :func:`place_segments`; ``joints`` (n, 2) carry the points, ``points`` (n, 2, 3) are in the
-    joints' frames [m]. Where two points coincide the gradient is zero.
-    """
-    point, normal = np.empty(3), np.empty(3)
-    for i in range(d_max.size):
-        m, w = transforms[joints[i, 0]], transforms[joints[i, 1]]
-        a, b = points[i, 0], points[i, 1]
-        squared = 0.0
-        for k in range(3):
-            point[k] = m[k] * a[0] + m[3 + k] * a[1] + m[6 + k] * a[2] + m[9 + k]
-            # towards B: the barrier grows as the points come closer
-            normal[k] = w[k] * b[0] + w[3 + k] * b[1] + w[6 + k] * b[2] + w[9 + k] - point[k]
-            squared += normal[k] * normal[k]
-        distance = math.sqrt(squared)
-        h[i] = d_max[i] - distance
-        if distance > 0.0:
-            for k in range(3):
-                normal[k] /= distance
-        _write_gradient(point, normal, jacobian, support[joints[i, 0]], support[joints[i, 1]], jac[i])
+            v[k] = acc[k] = 0.0
+            p_b[k] = p[k] - delta * n[k]
+        _point_motion(twist_a, rates_a[bodies_a[i]], p, 1.0, v, acc)
+        _point_motion(twist_b, rates_b[bodies_b[i]], p_b, -1.0, v, acc)
+        free = 0
+        for k in range(2):
+            owner = contacts[i, 13 + k]
+            if owner != 0.0:
+                u = contacts[i, 7 + 3 * k : 10 + 3 * k]
+                spin = twist_a[3:] if owner > 0.0 else twist_b[3:]
+                beta[k] = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+                kappa[k] = _spin_across(spin, u, n)
+                free = k + 1
+        normal_speed = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
+        across = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - normal_speed * normal_speed
+        total = n[0] * acc[0] + n[1] * acc[1] + n[2] * acc[2]
+        if free == 2:
+            u, w = contacts[i, 7:10], contacts[i, 10:13]
+            c = u[0] * w[0] + u[1] * w[1] + u[2] * w[2]
+            determinant = 1.0 - c * c
+            if determinant > ALIGNED:
+                x = (kappa[0] - c * kappa[1]) / determinant
+                y = (kappa[1] - c * kappa[0]) / determinant
+                total -= 2.0 * (x * beta[0] + y * beta[1]) + delta * (x * kappa[0] + y * kappa[1])
+                across = 0.0
+            else:
+                free = 1
+        if free == 1:
+            total -= kappa[0] * (2.0 * beta[0] + delta * kappa[0])
+            across -= beta[0] * beta[0]
+        if abs(delta) > NO_DIRECTION:
+            total += across / delta
+        curvature[i] = total

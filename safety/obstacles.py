@@ -1,42 +1,145 @@
-"""Obstacles as the filter sees them."""
+"""Obstacles as the filter sees them: spheres, capsules, boxes and half-spaces that move and turn."""
 
-from dataclasses import dataclass, field
+import math
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from robots.checks import all_finite, require_positive
+from robots.checks import all_finite, require_one_of, require_positive
 from robots.errors import ConfigError
 from robots.messages import Array
+
+KINDS = ("sphere", "capsule", "box", "half_space")
+"""What an obstacle may be."""
+
+PACKED_SIZE = 25
+"""Numbers in :attr:`Obstacle.packed`."""
+
+ORTHONORMAL_TOLERANCE = 1e-6
+"""Largest entry by which a box's rotation times its transpose may differ from the identity."""
 
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """A capsule in the world, or a sphere where ``start`` and ``end`` coincide.
+    """One obstacle at one instant. Made by :meth:`sphere`, :meth:`capsule`, :meth:`box` or :meth:`half_space`.
 
     Attributes:
-        start: shape (3,) one end of the centre line [m].
-        end: shape (3,) the other end [m].
-        radius: above 0 [m].
-        velocity: shape (3,) of the point ``start`` [m/s].
+        kind: one of ``KINDS``.
+        position: shape (3,) reference point in the world [m]: centre of a sphere or box, start of a capsule's centre
+            line, a point on a half-space's plane.
+        direction: shape (3,) from start to end of a capsule's centre line [m]; unit normal of a half-space, pointing to
+            the side that is free; zero for the others.
+        rotation: shape (3, 3) axes of a box in the columns, world frame; identity for the others.
+        half_sizes: shape (3,) of a box along its axes, above 0 [m]; zero for the others.
+        radius: of a sphere or capsule, above 0 [m]; zero for the others.
+        velocity: shape (3,) of the reference point, as a point fixed to the obstacle [m/s].
         spin: shape (3,) angular velocity, world axes [rad/s].
+        packed: shape (``PACKED_SIZE``,) all numbers in the order above.
+
+    Raises:
+        ConfigError: unknown kind, a number that is not finite, a size that is not above 0, a rotation that is not
+            one, or a normal without length.
     """
 
-    start: Array
-    end: Array
-    radius: float
+    kind: str
+    position: Array
+    direction: Array = field(default_factory=lambda: np.zeros(3))
+    rotation: Array = field(default_factory=lambda: np.eye(3))
+    half_sizes: Array = field(default_factory=lambda: np.zeros(3))
+    radius: float = 0.0
     velocity: Array = field(default_factory=lambda: np.zeros(3))
     spin: Array = field(default_factory=lambda: np.zeros(3))
+    packed: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        require_positive("obstacle radius", self.radius)
-        for name in ("start", "end", "velocity", "spin"):
-            value = getattr(self, name)
-            if np.shape(value) != (3,) or not all_finite(np.asarray(value, dtype=float)):
-                raise ConfigError(f"obstacle {name}", value, "three finite numbers")
+        require_one_of("obstacle kind", self.kind, KINDS)
+        names = {"position": (3,), "direction": (3,), "rotation": (3, 3), "half_sizes": (3,), "velocity": (3,)}
+        for name, shape in (names | {"spin": (3,)}).items():
             # a copy: the caller's array may go on to another place while this obstacle stays
-            object.__setattr__(self, name, np.array(value, dtype=float))
+            object.__setattr__(self, name, _finite(name, getattr(self, name), shape))
+        self._check_size()
+        parts = (self.position, self.direction, self.rotation.ravel(), self.half_sizes)
+        packed = np.concatenate([*parts, [self.radius], self.velocity, self.spin])
+        object.__setattr__(self, "packed", packed)
+
+    def _check_size(self) -> None:
+        if self.kind in ("sphere", "capsule"):
+            require_positive("obstacle radius", self.radius)
+        elif self.kind == "box":
+            for size in self.half_sizes:
+                require_positive("obstacle half size", float(size))
+            off = np.abs(self.rotation @ self.rotation.T - np.eye(3)).max()
+            if off > ORTHONORMAL_TOLERANCE or np.linalg.det(self.rotation) < 0:
+                raise ConfigError("obstacle rotation", self.rotation.tolist(), "a rotation (orthonormal, right-handed)")
+        else:
+            length = math.hypot(*self.direction)
+            if length == 0:
+                raise ConfigError("obstacle normal", self.direction.tolist(), "a vector of some length")
+            object.__setattr__(self, "direction", self.direction / length)
 
     @staticmethod
     def sphere(center: Array, radius: float, velocity: Array | None = None) -> "Obstacle":
-        """A sphere about ``center`` (3,) moving at ``velocity`` (3,), zero if not given."""
-        return Obstacle(center, center, radius, np.zeros(3) if velocity is None else velocity)
+        """A sphere about ``center`` (3,) of ``radius`` [m] moving at ``velocity`` (3,) [m/s], zero if not given."""
+        return Obstacle("sphere", center, radius=radius, velocity=_given(velocity))
+
+    @staticmethod
+    def capsule(
+        start: Array, end: Array, radius: float, velocity: Array | None = None, spin: Array | None = None
+    ) -> "Obstacle":
+        """A capsule about the line from ``start`` to ``end`` (3,) [m]; ``velocity`` is that of ``start``."""
+        start = _finite("start", start, (3,))
+        direction = _finite("end", end, (3,)) - start
+        return Obstacle("capsule", start, direction, radius=radius, velocity=_given(velocity), spin=_given(spin))
+
+    @staticmethod
+    def box(
+        center: Array,
+        rotation: Array,
+        half_sizes: Array,
+        velocity: Array | None = None,
+        spin: Array | None = None,
+    ) -> "Obstacle":
+        """A box about ``center`` (3,) with axes in the columns of ``rotation`` (3, 3), ``half_sizes`` (3,) [m]."""
+        return Obstacle(
+            "box", center, rotation=rotation, half_sizes=half_sizes, velocity=_given(velocity), spin=_given(spin)
+        )
+
+    @staticmethod
+    def half_space(point: Array, normal: Array, velocity: Array | None = None, spin: Array | None = None) -> "Obstacle":
+        """All that is behind the plane through ``point`` (3,) [m]; the robot stays where ``normal`` (3,) points."""
+        return Obstacle("half_space", point, normal, velocity=_given(velocity), spin=_given(spin))
+
+    @property
+    def end(self) -> Array:
+        """Shape (3,) end of a capsule's centre line [m]; the reference point for spheres and boxes."""
+        return self.position if self.kind == "half_space" else self.position + self.direction
+
+    def at_rest(self) -> "Obstacle":
+        """The same obstacle where it is, not moving."""
+        return replace(self, velocity=np.zeros(3), spin=np.zeros(3))
+
+    def after(self, duration: float) -> "Obstacle":
+        """The obstacle ``duration`` [s] later, its velocity and spin constant."""
+        turn = _rotation_about(self.spin * duration)
+        position = self.position + duration * self.velocity
+        return replace(self, position=position, direction=turn @ self.direction, rotation=turn @ self.rotation)
+
+
+def _given(vector: Array | None) -> Array:
+    return np.zeros(3) if vector is None else vector
+
+
+def _finite(name: str, value: Array, shape: tuple[int, ...]) -> Array:
+    if np.shape(value) != shape or not all_finite(np.asarray(value, dtype=float)):
+        raise ConfigError(f"obstacle {name}", value, f"finite numbers of shape {shape}")
+    return np.array(value, dtype=float)
+
+
+def _rotation_about(angle: Array) -> Array:
+    """Rotation (3, 3) by the vector ``angle`` (3,) [rad], about its direction."""
+    size = math.hypot(*angle)
+    if size == 0:
+        return np.eye(3)
+    x, y, z = angle / size
+    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(size) * across + (1 - math.cos(size)) * across @ across

@@ -15,14 +15,19 @@ Parameters are given per family."""
 class BarrierRows:
     r"""n barriers at one state: :math:`h \ge 0` is safe, :math:`\dot h = J v + \partial_t h`.
 
-    With the second order evaluated, :math:`\ddot h = J \dot v + c`.
+    With the second order evaluated, :math:`\ddot h = J \dot v + c`. A pair of bodies may have several rows: its signed
+    distance first, then distances between features of the two that are never less (see
+    :class:`safety.contacts.SelfCollisionBarrier`); :attr:`safety.barriers.BarrierSet.primary` tells which are which.
 
     Attributes:
         h: shape (n,) values [m or rad].
         jac: shape (n, nv) gradients [m/m, m/rad or rad/rad].
-        drift: shape (n,) rate of h from what moves by itself, :math:`-\hat n^T v_{obstacle}` [m/s].
+        drift: shape (n,) rate of h from what moves by itself, :math:`-\hat n^T v_{obstacle}` of the obstacle's
+            material point in contact [m/s].
         family: shape (n,) index into ``FAMILIES``.
-        curvature: shape (n,) second derivative c of h at zero acceleration [m/s^2], or ``None`` where not evaluated.
+        curvature: shape (n,) second derivative c of h at zero acceleration of the joints and of what moves by itself
+            [m/s^2 or rad/s^2]; ``None`` where not evaluated. Where closest features slide fast, at lines that cross
+            nearly parallel, it is large.
         cartesian: gives, for a row's index, the Jacobian (k, nv) of the point that the row is about and the unit
             direction (k,) in which moving it raises h fastest; ``None``: use the row of ``jac`` itself.
     """

@@ -165,6 +165,10 @@ class DynWbc:
         """
         return (self.weights.kp * dt) * v_safe + self.weights.kd * (v_safe - v)
 
+    def velocity_command(self, acceleration: Array, v: Array, dt: float) -> Array:
+        """Velocity (nv,) whose acceleration command is ``acceleration`` (nv,): eq. (15) of Lee et al. turned round."""
+        return v + acceleration / (self.weights.kd + self.weights.kp * dt)
+
     def contact_jacobian(self, kin: Kinematics, in_contact: Mask) -> Array:
         """Stacked Jacobians (6 n, nv) of the soles in their own axes; zero rows for feet that are not in contact."""
         jacobian = np.zeros((self.nf, kin.nv))

@@ -1,21 +1,38 @@
 """Conditions on the velocity, row by row, and the parameters they refuse."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.conditions import BarrierParameters, FamilyParameters, cbf, issf_cbf
+from safety.conditions import (
+    SET_MARGINS,
+    BarrierParameters,
+    FamilyParameters,
+    RowParameters,
+    cbf,
+    issf_cbf,
+    ssa,
+    sss,
+    worst_row,
+)
 from safety.rows import FAMILIES, BarrierRows
 
 ALPHAS = (3.0, 5.0, 7.0, 11.0, 13.0, 17.0)
 EPSILONS = (0.5, 2.0, 4.0, 8.0, 16.0, 32.0)
 N, NV = 40, 9
+ALL = (cbf, issf_cbf, ssa, sss, worst_row)
 
 
 def parameters(epsilon_factor: float = 1.0) -> BarrierParameters:
     pairs = zip(FAMILIES, ALPHAS, EPSILONS, strict=True)
     return BarrierParameters(**{f: FamilyParameters(a, epsilon_factor * e) for f, a, e in pairs})
+
+
+def of_rows(rows: BarrierRows, epsilon_factor: float = 1.0) -> RowParameters:
+    return parameters(epsilon_factor).of_rows(rows.family)
 
 
 @pytest.fixture
@@ -35,14 +52,14 @@ def expected_bounds(rows: BarrierRows, margin: bool) -> Array:
 
 
 def test_cbf_is_equation_5_row_by_row(rows: BarrierRows) -> None:
-    spaces = cbf(rows, parameters())
+    spaces = cbf(rows, of_rows(rows))
     np.testing.assert_array_equal(spaces.A, rows.jac)
     np.testing.assert_allclose(spaces.b, expected_bounds(rows, margin=False), rtol=1e-14, atol=1e-14)
     assert spaces.active.all()
 
 
 def test_issf_is_equation_32_row_by_row(rows: BarrierRows) -> None:
-    spaces = issf_cbf(rows, parameters())
+    spaces = issf_cbf(rows, of_rows(rows))
     np.testing.assert_array_equal(spaces.A, rows.jac)
     np.testing.assert_allclose(spaces.b, expected_bounds(rows, margin=True), rtol=1e-13, atol=1e-13)
     assert spaces.active.all()
@@ -52,38 +69,38 @@ def test_joint_limit_rows_are_equations_39_and_40() -> None:
     nj, h = 3, np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     jac = np.vstack([np.eye(nj), -np.eye(nj)])
     rows = BarrierRows(h, jac, np.zeros(6), np.zeros(6, dtype=np.intp))
-    np.testing.assert_allclose(issf_cbf(rows, parameters()).b, -ALPHAS[0] * h + 1 / EPSILONS[0], rtol=1e-14)
+    np.testing.assert_allclose(issf_cbf(rows, of_rows(rows)).b, -ALPHAS[0] * h + 1 / EPSILONS[0], rtol=1e-14)
 
 
 def test_obstacle_rows_are_equation_49() -> None:
     # an obstacle that comes nearer at v along -n: v_AO = n . v_O stands on the right-hand side with its own sign
     n, v_obstacle = np.array([1.0, 0, 0]), np.array([0.3, 0.5, 0.0])
     rows = BarrierRows(np.array([0.2]), n.reshape(1, 3), np.array([-n @ v_obstacle]), np.array([3], dtype=np.intp))
-    assert cbf(rows, parameters()).b[0] == pytest.approx(n @ v_obstacle - ALPHAS[3] * 0.2)
+    assert cbf(rows, of_rows(rows)).b[0] == pytest.approx(n @ v_obstacle - ALPHAS[3] * 0.2)
 
 
 def test_issf_demands_more_than_cbf_and_less_as_epsilon_grows(rows: BarrierRows) -> None:
-    plain = cbf(rows, parameters()).b
-    excess = [issf_cbf(rows, parameters(10.0**k)).b - plain for k in range(5)]
+    plain = cbf(rows, of_rows(rows)).b
+    excess = [issf_cbf(rows, of_rows(rows, 10.0**k)).b - plain for k in range(5)]
     assert all((e > 0).all() for e in excess)
     for k, e in enumerate(excess):
         np.testing.assert_allclose(e * 10.0**k, excess[0], rtol=1e-9)
-    np.testing.assert_allclose(issf_cbf(rows, parameters(1e12)).b, plain, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(issf_cbf(rows, of_rows(rows, 1e12)).b, plain, rtol=0, atol=1e-10)
 
 
-@pytest.mark.parametrize("condition", [cbf, issf_cbf])
+@pytest.mark.parametrize("condition", ALL)
 def test_conditions_leave_the_rows_alone(condition: object, rows: BarrierRows) -> None:
     before = [x.copy() for x in (rows.h, rows.jac, rows.drift, rows.family)]
-    spaces = condition(rows, parameters())  # type: ignore[operator]
+    spaces = condition(rows, of_rows(rows))  # type: ignore[operator]
     for x, y in zip((rows.h, rows.jac, rows.drift, rows.family), before, strict=True):
         np.testing.assert_array_equal(x, y)
     assert not any(np.shares_memory(spaces.b, x) for x in (rows.h, rows.drift))
 
 
-@pytest.mark.parametrize("condition", [cbf, issf_cbf])
+@pytest.mark.parametrize("condition", ALL)
 def test_no_rows_make_no_half_spaces(condition: object) -> None:
     none = BarrierRows(np.zeros(0), np.zeros((0, NV)), np.zeros(0), np.zeros(0, dtype=np.intp))
-    spaces = condition(none, parameters())  # type: ignore[operator]
+    spaces = condition(none, of_rows(none))  # type: ignore[operator]
     assert spaces.A.shape == (0, NV)
     assert spaces.b.shape == spaces.active.shape == (0,)
 
@@ -93,10 +110,75 @@ def test_parameters_come_in_the_order_of_the_families() -> None:
     np.testing.assert_array_equal(parameters().values("epsilon"), EPSILONS)
 
 
-@pytest.mark.parametrize("name", ["alpha", "epsilon"])
+@pytest.mark.parametrize("name", [n for n in FamilyParameters.__slots__ if n != "margin"])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, -np.inf, "5", None])
 def test_parameters_that_are_not_positive_numbers_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=rf"{name} = .*: must be a finite number above 0") as error:
         FamilyParameters(**{"alpha": 1.0, "epsilon": 1.0} | {name: value})  # type: ignore[arg-type]
     assert error.value.name == name
     assert error.value.value is value
+
+
+@pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1"])
+def test_margins_that_are_not_distances_are_refused(value: object) -> None:
+    with pytest.raises(ConfigError, match=r"margin = .*0 or above"):
+        FamilyParameters(margin=value)  # type: ignore[arg-type]
+
+
+def test_an_index_with_infinite_slope_is_refused() -> None:
+    with pytest.raises(ConfigError, match=r"index_power = 0\.5: must be 1 or above"):
+        FamilyParameters(index_power=0.5)
+
+
+def with_margins(rows: BarrierRows) -> RowParameters:
+    """Every parameter another in each family; margins of one family its own, of the rest the filter's."""
+    families = {
+        f: FamilyParameters(3.0 + i, 0.5 + i, 0.3 if f == "obstacle" else None, eta=0.2 + i, slope=2.0 + i)
+        for i, f in enumerate(FAMILIES)
+    }
+    return BarrierParameters(**families).of_rows(rows.family, SET_MARGINS)
+
+
+def margin_of(family: int) -> float:
+    return 0.3 if FAMILIES[family] == "obstacle" else SET_MARGINS[FAMILIES[family]]
+
+
+def test_margins_are_the_familys_own_or_else_the_filters(rows: BarrierRows) -> None:
+    np.testing.assert_array_equal(with_margins(rows).margin, [margin_of(f) for f in rows.family])
+    assert (parameters().margins(dict.fromkeys(FAMILIES, 0.0)) == 0).all()
+
+
+def test_cbf_with_a_margin_is_cbf_of_h_less_the_margin(rows: BarrierRows) -> None:
+    expected = [
+        -(3.0 + f) * (h - margin_of(f)) - drift for h, drift, f in zip(rows.h, rows.drift, rows.family, strict=True)
+    ]
+    np.testing.assert_allclose(cbf(rows, with_margins(rows)).b, expected, rtol=1e-14, atol=1e-14)
+
+
+@pytest.mark.parametrize("condition", [ssa, sss])
+def test_ssa_and_sss_hold_rows_inside_their_margin_only(condition: object, rows: BarrierRows) -> None:
+    spaces = condition(rows, with_margins(rows))  # type: ignore[operator]
+    assert 0 < spaces.active.sum() < N
+    for i, (h, drift, f) in enumerate(zip(rows.h, rows.drift, rows.family, strict=True)):
+        phi = margin_of(f) - h
+        assert spaces.active[i] == (phi >= 0)
+        # d/dt phi <= -eta; d/dt phi <= -lambda phi
+        rate = 0.2 + f if condition is ssa else (2.0 + f) * phi
+        assert spaces.b[i] == pytest.approx(rate - drift, abs=1e-13)
+
+
+def test_a_row_exactly_at_its_margin_is_held() -> None:
+    for condition, rate in ((ssa, 0.2 + 3), (sss, 0.0), (worst_row, 0.0)):
+        rows = BarrierRows(np.array([0.3]), np.ones((1, 2)), np.array([0.1]), np.array([3], dtype=np.intp))
+        spaces = condition(rows, with_margins(rows))
+        assert spaces.active.all()
+        assert spaces.b[0] == pytest.approx(rate - 0.1, abs=1e-15)
+
+
+def test_worst_row_is_the_deepest_inside_its_margin_and_none_outside(rows: BarrierRows) -> None:
+    p = with_margins(rows)
+    spaces = worst_row(rows, p)
+    assert spaces.active.sum() == 1
+    assert spaces.active[np.argmax(p.margin - rows.h)]
+    np.testing.assert_array_equal(spaces.b, -rows.drift)
+    assert not worst_row(replace(rows, h=p.margin + np.abs(rows.h) + 1e-12), p).active.any()

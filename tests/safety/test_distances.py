@@ -1,4 +1,4 @@
-"""Closest points, distances and gradients of spheres and capsules: against coal, a numpy oracle and special cases."""
+"""Closest points, distances and gradients of each pair of shapes: against coal, numpy oracles and special cases."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety.kernels import DEGENERATE, closest_parameters, fallback_normal, self_collision_rows, workspace_rows
+from safety.boxes import box_contacts
+from safety.geometry import (
+    CONTACT_SIZE,
+    DEGENERATE,
+    END_A,
+    START_A,
+    closest_parameters,
+    fallback_normal,
+    half_space_contacts,
+    point_contacts,
+    segment_contacts,
+)
+from safety.kernels import contact_gradients
 
 SAME = 1e-9
 KINDS = ("sphere", "capsule")
@@ -43,13 +55,18 @@ def random_capsule(rng: np.random.Generator, kind: str) -> Capsule:
 
 def rows_of(a: Capsule, b: Capsule) -> tuple[float, Array]:
     """Signed distance and gradient (6,) by the kernel, for A carried by a free joint and B fixed to the world."""
-    h, jac = np.zeros(1), np.zeros((1, 6))
+    contacts = np.full((1, CONTACT_SIZE), np.nan)
     origin, direction = np.array([a.start, b.start]), np.array([a.direction, b.direction])
-    joints, pairs = np.array([1, 0], dtype=np.intp), np.array([[0, 1]], dtype=np.intp)
-    support = np.vstack([np.zeros(6), np.ones(6)])
-    radius = np.array([a.radius, b.radius])
-    self_collision_rows(origin, direction, radius, joints, pairs, np.asfortranarray(np.eye(6)), support, h, jac)
-    return float(h[0]), jac[0]
+    segment_contacts(origin, direction, origin, direction, np.array([[0, 0, 1, 0]]), contacts)
+    return float(contacts[0, 6]) - a.radius - b.radius, gradient_of(contacts)
+
+
+def gradient_of(contacts: Array) -> Array:
+    """Gradient (6,) of one contact for a first body carried by a free joint and a second that is fixed."""
+    jac, support = np.zeros((1, 6)), np.vstack([np.zeros(6), np.ones(6)])
+    joints = np.array([1]), np.array([0])
+    contact_gradients(contacts, *joints, np.asfortranarray(np.eye(6)), support, jac)
+    return jac[0]
 
 
 def closest_points(a: Capsule, b: Capsule) -> tuple[Array, Array]:
@@ -205,18 +222,18 @@ def test_touching_capsules_have_no_distance() -> None:
     np.testing.assert_allclose(jac, [0, 0, -1, 0, 0, 0], rtol=0, atol=1e-15)
 
 
-def test_parallel_segments_touch_in_the_middle_of_the_interval() -> None:
+def test_parallel_segments_touch_at_an_end_of_the_interval() -> None:
     a = Capsule(np.zeros(3), np.array([1.0, 0, 0]), 0.1)
     for start, end in (((0.6, 0.4, 0), (2.0, 0.4, 0)), ((2.0, 0.4, 0), (0.6, 0.4, 0))):
         b = Capsule(np.array(start), np.array(end), 0.1)
         for p, q in (closest_points(a, b), closest_points(b, a)[::-1]):
-            np.testing.assert_allclose([p, q], [[0.8, 0, 0], [0.8, 0.4, 0]], rtol=0, atol=1e-15)
+            np.testing.assert_allclose(q - p, [0, 0.4, 0], rtol=0, atol=1e-15)
+            assert min(abs(p[0] - 0.6), abs(p[0] - 1.0)) < 1e-15
 
 
 @pytest.mark.parametrize("angle", [1e-3, 1e-5, 2e-6, 1e-6, 5e-7, 1e-8, 1e-10])
-def test_nearly_parallel_segments_lose_no_more_than_their_angle_allows(angle: float) -> None:
+def test_nearly_parallel_segments_lose_nothing(angle: float) -> None:
     rng = np.random.default_rng(8)
-    limit = 1e-6
     for _ in range(50):
         rotation, offset = random_rotation(rng), rng.normal(size=3)
         a = Capsule(np.zeros(3), np.array([0.4, 0, 0]), 0.1).moved(rotation, offset)
@@ -224,9 +241,7 @@ def test_nearly_parallel_segments_lose_no_more_than_their_angle_allows(angle: fl
         start = np.array([rng.uniform(-0.2, 0.2), 0.05, rng.uniform(-0.1, 0.1)])
         b = Capsule(start, start + tilted, 0.1).moved(rotation, offset)
         p_a, p_b = closest_points(a, b)
-        # below the limit the middle is taken for the nearer end: at most half a length times the angle away
-        allowed = 0.25 * angle if angle <= limit else 1e-12
-        assert 0 <= np.linalg.norm(p_a - p_b) - oracle_distance(a, b) + 1e-12 <= allowed + 2e-12
+        assert 0 <= np.linalg.norm(p_a - p_b) - oracle_distance(a, b) + 1e-12 <= 2e-12
 
 
 def test_normal_of_crossing_centre_lines_is_across_both() -> None:
@@ -264,9 +279,157 @@ def test_distance_is_continuous_where_the_normal_is_chosen() -> None:
 def test_workspace_points_that_coincide_have_no_gradient() -> None:
     transforms = np.vstack([np.concatenate([np.eye(3).ravel(), p]) for p in ([0, 0, 0], [1.0, 2.0, 3.0])])
     points = np.array([[[0.5, 0, 0], [1.5, 2.0, 3.0]]])
-    h, jac = np.zeros(1), np.ones((1, 6))
-    support = np.vstack([np.zeros(6), np.ones(6)])
-    joints = np.array([[1, 0]], dtype=np.intp)
-    workspace_rows(transforms, joints, points, np.array([0.4]), np.asfortranarray(np.eye(6)), support, h, jac)
-    assert h[0] == 0.4
-    assert not jac.any()
+    contacts = np.full((1, CONTACT_SIZE), np.nan)
+    point_contacts(transforms, np.array([[1, 0]]), points, contacts)
+    assert contacts[0, 6] == 0.0
+    assert not gradient_of(contacts).any()
+
+
+@dataclass(frozen=True)
+class Box:
+    """Centre, axes in the columns of ``rotation``, half sizes [m]."""
+
+    center: Array
+    rotation: Array
+    half_sizes: Array
+
+    def contact(self, a: Capsule, feature: int = 0) -> Array:
+        """The contact of a segment, or for feature 1 or 2 of its start or end, with the box."""
+        contacts = np.full((1, CONTACT_SIZE), np.nan)
+        box = self.center[None], self.rotation[None], self.half_sizes[None]
+        box_contacts(a.start[None], a.direction[None], *box, np.array([[0, 0, 0, feature]]), contacts)
+        return contacts[0]
+
+    def distance_to(self, points: Array) -> Array:
+        """Signed distances (n,) of points (n, 3)."""
+        beyond = np.abs((points - self.center) @ self.rotation) - self.half_sizes
+        return np.linalg.norm(np.maximum(beyond, 0), axis=1) + np.minimum(beyond.max(axis=1), 0)
+
+
+def random_box(rng: np.random.Generator) -> Box:
+    return Box(rng.normal(scale=0.3, size=3), random_rotation(rng), rng.uniform(0.05, 0.4, 3))
+
+
+def shifted(a: Capsule, by: Array) -> Capsule:
+    return Capsule(a.start + by, a.end + by, a.radius)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_signed_distance_to_a_box_is_coals_penetration_included(kind: str) -> None:
+    rng = np.random.default_rng(10)
+    signs = set()
+    for _ in range(300):
+        a, box = random_capsule(rng, kind), random_box(rng)
+        h = box.contact(a)[6] - a.radius
+        shape = coal.Box(2 * box.half_sizes), coal.Transform3s(box.rotation, box.center)
+        expected = coal.distance(*coal_shape(a), *shape, coal.DistanceRequest(), coal.DistanceResult())
+        # coal finds it by iteration, to its tolerance of 1e-6
+        assert h == pytest.approx(expected, abs=2e-6)
+        signs.add((h > 0, box.contact(a)[6] > 0))
+    assert signs == {(True, True), (False, True), (False, False)}
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_distance_outside_a_box_is_the_least_of_a_dense_search(kind: str) -> None:
+    rng = np.random.default_rng(11)
+    for _ in range(200):
+        a, box = random_capsule(rng, kind), random_box(rng)
+        distance = box.contact(a)[6]
+        low, high = 0.0, 1.0
+        for _ in range(12):
+            s = np.linspace(low, high, 41)
+            values = box.distance_to(a.start + s[:, None] * a.direction)
+            best, cell = s[values.argmin()], (high - low) / 40
+            low, high = max(best - cell, 0.0), min(best + cell, 1.0)
+        if values.min() > 0:
+            assert distance == pytest.approx(values.min(), abs=1e-12)
+        else:
+            assert distance <= values.min() + 1e-12
+
+
+def test_the_way_out_of_a_box_is_out_and_the_shortest() -> None:
+    rng = np.random.default_rng(12)
+    inside = 0
+    for _ in range(400):
+        a, box = random_capsule(rng, "capsule"), random_box(rng)
+        contact = box.contact(a)
+        if contact[6] >= 0:
+            continue
+        inside += 1
+        assert box.contact(shifted(a, (1 + 1e-6) * -contact[6] * contact[3:6]))[6] > 0
+        for _ in range(30):
+            direction = rng.normal(size=3)
+            step = 0.999 * contact[6] * direction / np.linalg.norm(direction)
+            assert box.contact(shifted(a, step))[6] <= 1e-12
+    assert inside > 50
+
+
+def test_normals_of_boxes_are_the_gradient_of_the_distance() -> None:
+    rng = np.random.default_rng(13)
+    for _ in range(300):
+        a, box = random_capsule(rng, rng.choice(KINDS)), random_box(rng)
+        for feature in range(3):
+            contact = box.contact(a, feature)
+            ends = [box.contact(shifted(a, s * 1e-6 * axis), feature)[6] for axis in np.eye(3) for s in (1, -1)]
+            numeric = np.array(ends).reshape(3, 2) @ [0.5e6, -0.5e6]
+            np.testing.assert_allclose(contact[3:6], numeric, rtol=0, atol=1e-4 * max(1, 0.01 / abs(contact[6])))
+
+
+def test_contacts_of_boxes_lie_on_the_segment_and_on_the_box() -> None:
+    rng = np.random.default_rng(14)
+    for _ in range(300):
+        a, box = random_capsule(rng, "capsule"), random_box(rng)
+        contact = box.contact(a)
+        np.testing.assert_allclose(place_on(contact[:3], a), contact[:3], rtol=0, atol=1e-9)
+        on_box = contact[:3] - contact[6] * contact[3:6]
+        assert box.distance_to(on_box[None])[0] == pytest.approx(0.0, abs=1e-9)
+        for feature, end in ((1, a.start), (2, a.end)):
+            np.testing.assert_allclose(box.contact(a, feature)[:3], end, rtol=0, atol=1e-15)
+            assert box.contact(a, feature)[6] >= contact[6] - 1e-12
+            assert box.contact(a, feature)[6] == pytest.approx(box.distance_to(end[None])[0], abs=1e-12)
+
+
+def test_distance_to_a_box_does_not_depend_on_frame_or_direction_and_scales_with_the_unit() -> None:
+    rng = np.random.default_rng(15)
+    for _ in range(200):
+        a, box = random_capsule(rng, "capsule"), random_box(rng)
+        contact = box.contact(a)
+        rotation, translation = random_rotation(rng), rng.normal(size=3)
+        turned = Box(rotation @ box.center + translation, rotation @ box.rotation, box.half_sizes)
+        moved = turned.contact(a.moved(rotation, translation))
+        assert moved[6] == pytest.approx(contact[6], abs=1e-12)
+        np.testing.assert_allclose(moved[3:6], rotation @ contact[3:6], rtol=0, atol=1e-9)
+        assert box.contact(Capsule(a.end, a.start, a.radius))[6] == pytest.approx(contact[6], abs=1e-12)
+        large = Box(1e3 * box.center, box.rotation, 1e3 * box.half_sizes)
+        scaled = large.contact(Capsule(1e3 * a.start, 1e3 * a.end, a.radius))
+        np.testing.assert_allclose(scaled[:3], 1e3 * contact[:3], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(scaled[6], 1e3 * contact[6], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(scaled[3:6], contact[3:6], rtol=0, atol=1e-8)
+
+
+def test_distance_of_segments_scales_with_the_unit() -> None:
+    rng = np.random.default_rng(16)
+    for _ in range(200):
+        a, b = random_capsule(rng, "capsule"), random_capsule(rng, "capsule")
+        h, jac = rows_of(a, b)
+        for scale in (1e-2, 1e3):
+            large = [Capsule(scale * c.start, scale * c.end, scale * c.radius) for c in (a, b)]
+            other = rows_of(*large)
+            assert other[0] == pytest.approx(scale * h, abs=1e-12 * scale)
+            np.testing.assert_allclose(other[1], jac * [1, 1, 1, scale, scale, scale], rtol=0, atol=1e-10 * scale)
+
+
+def test_half_spaces_see_both_ends_whatever_the_depth() -> None:
+    rng = np.random.default_rng(17)
+    for _ in range(200):
+        a, point, normal = random_capsule(rng, "capsule"), *rng.normal(size=(2, 3))
+        normal /= np.linalg.norm(normal)
+        contacts = np.full((2, CONTACT_SIZE), np.nan)
+        table = np.array([[0, 0, 0, START_A], [1, 0, 0, END_A]])
+        half_space_contacts(a.start[None], a.direction[None], point[None], normal[None], table, contacts)
+        for contact, end in zip(contacts, (a.start, a.end), strict=True):
+            np.testing.assert_array_equal(contact[3:6], normal)
+            np.testing.assert_allclose(contact[:3], end, rtol=0, atol=1e-15)
+            assert contact[6] == pytest.approx(normal @ (end - point), abs=1e-14)
+            frame = np.array([contact[3:6], contact[7:10], contact[10:13]])
+            np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-14)

@@ -45,7 +45,7 @@ class Loop:
     def __init__(self, robot: RobotDescription, family: str, name: str) -> None:
         self.kin = Kinematics(robot)
         self.q = standing_configuration(robot, "standing" if family == "leg_collision" else "hands_front")
-        self.barriers = standard_barriers(self.kin, 1)
+        self.barriers = standard_barriers(self.kin, ("sphere",))
         self.obstacles = next(b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier))
         v_max = np.full(self.kin.nv, 100.0)
         self.filter = SafetyFilter(name, self.barriers.size, PARAMETERS, v_max)
@@ -172,7 +172,7 @@ def test_the_worst_disturbance_costs_what_the_theory_says_and_cbf_has_no_bound_o
 def test_a_moving_obstacle_is_evaded(robot: RobotDescription, name: str) -> None:
     """The obstacle comes at the hand; the robot wants to stand still. Without drift the row would be violated."""
     loop = Loop(robot, "obstacle", name)
-    velocity, place = np.array([-0.5, 0.0, 0.0]), loop.obstacles._origin[0].copy()
+    velocity, place = np.array([-0.5, 0.0, 0.0]), loop.obstacles._position[0].copy()
     q, still, lowest = loop.q, np.zeros(loop.kin.nv), []
     for i in range(500):
         loop.obstacles.set_obstacles([Obstacle.sphere(place + i * DT * velocity, 0.05, velocity)])

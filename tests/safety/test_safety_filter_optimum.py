@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from scipy.optimize import Bounds, minimize
+from scipy.optimize import Bounds, minimize, nnls
 
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -13,7 +13,7 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import CONDITIONS, FilterStatus, SafetyFilter
+from safety.filters import CONDITIONS, KINDS, FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
 from safety.rows import BarrierRows, HalfSpaces
 from wbc.qp import UNBOUNDED, make_solver
@@ -35,7 +35,7 @@ def kin(robot: RobotDescription) -> Kinematics:
 
 @pytest.fixture(scope="module")
 def barriers(kin: Kinematics) -> BarrierSet:
-    return standard_barriers(kin, 1)
+    return standard_barriers(kin, ("sphere",))
 
 
 @pytest.fixture(scope="module")
@@ -48,6 +48,10 @@ def rows_with(kin: Kinematics, barriers: BarrierSet, q: Array, obstacle: Obstacl
     next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).set_obstacles([obstacle])
     rows = barriers.evaluate(kin)
     return BarrierRows(rows.h.copy(), rows.jac.copy(), rows.drift.copy(), rows.family)
+
+
+def conditions_of(name: str, rows: BarrierRows) -> HalfSpaces:
+    return CONDITIONS[name](rows, PARAMETERS.of_rows(rows.family, KINDS[name].margins))
 
 
 def random_case(kin: Kinematics, barriers: BarrierSet, rng: np.random.Generator) -> tuple[BarrierRows, Array]:
@@ -99,7 +103,7 @@ def test_the_velocity_is_a_second_solvers(
         result = safety_filter.apply(rows, v_des, feet)
         if result.status != FilterStatus.FILTERED:
             continue
-        other = second_opinion(CONDITIONS[name](rows, PARAMETERS), v_des, feet, weight, v_max)
+        other = second_opinion(conditions_of(name, rows), v_des, feet, weight, v_max)
         np.testing.assert_allclose(result.v, other, rtol=0, atol=1e-6)
         assert cost(result.v, v_des, feet, weight) == pytest.approx(cost(other, v_des, feet, weight), rel=1e-6)
         compared += 1
@@ -113,7 +117,7 @@ def test_one_row_alone_has_the_closed_form(name: str) -> None:
     for weight in (0.0, 10.0):
         one = SafetyFilter(name, 1, PARAMETERS, np.full(6, 1e3), weight)
         rows = BarrierRows(np.array([0.01]), rng.normal(size=(1, 6)), np.zeros(1), np.full(1, 3, dtype=np.intp))
-        spaces = CONDITIONS[name](rows, PARAMETERS)
+        spaces = conditions_of(name, rows)
         a, b = spaces.A[0], spaces.b[0]
         v_des = rng.normal(size=6) - 2 * a
         step = np.linalg.solve(np.eye(6) + weight * feet.T @ feet, a)
@@ -172,7 +176,7 @@ def test_relaxed_velocities_have_the_least_sum_of_squared_violations(
         rows = overly_tight(kin, rows, rng)
         result = safety_filter.apply(rows, v_des)
         assert result.status == FilterStatus.RELAXED
-        spaces = CONDITIONS[name](rows, PARAMETERS)
+        spaces = conditions_of(name, rows)
         slack = violation(spaces, result.v)
         assert result.slack == pytest.approx(slack.max(), abs=1e-12)
         assert slack @ slack <= least_squared_violation(spaces, v_max) * (1 + 1e-6) + 1e-6
@@ -206,10 +210,14 @@ def test_among_least_violations_the_velocity_nearest_to_the_nominal_is_taken(
     rows, feet = overly_tight(kin, rows, rng), foot_jacobian(kin)
     result = SafetyFilter(name, barriers.size, PARAMETERS, v_max, 10.0).apply(rows, v_des, feet)
     assert result.status == FilterStatus.RELAXED
-    spaces = CONDITIONS[name](rows, PARAMETERS)
-    loosened = replace(spaces, b=spaces.b - violation(spaces, result.v) - 1e-8)
-    nearest = second_opinion(loosened, v_des, feet, 10.0, v_max)
-    np.testing.assert_allclose(result.v, nearest, rtol=0, atol=1e-6)
+    spaces = conditions_of(name, rows)
+    # nearest under the rows relaxed by that: the cost's gradient is a non-negative sum of sides at their limit
+    eye = np.eye(kin.nv)
+    at_limit = (spaces.A @ result.v - spaces.b + violation(spaces, result.v)) < 1e-7
+    sides = np.vstack([spaces.A[at_limit], eye[result.v <= -v_max + 1e-9], -eye[result.v >= v_max - 1e-9]])
+    gradient = (eye + 10.0 * feet.T @ feet) @ (result.v - v_des)
+    assert nnls(sides.T, gradient, maxiter=10000)[1] < 1e-8 * np.linalg.norm(gradient)
+    assert at_limit.sum() < kin.nv
 
 
 def obstacle_before_the_torso(kin: Kinematics) -> Obstacle:

@@ -1,0 +1,258 @@
+"""Closest features of the robot's segments against boxes: exact outside, and the least translation out of one inside.
+
+The rows written are contacts as :mod:`safety.geometry` describes them. Everything below happens in the box's axes.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from robots.messages import Array, Indices
+
+TOUCHING = 1e-9
+"""A centre line closer to the box than this [m] counts as reaching into it."""
+
+ALIGNED = 1e-12
+"""Squared sine below which a segment counts as parallel to an edge."""
+
+
+@njit(cache=True, error_model="numpy")
+def _excess(x: float, e: float) -> float:
+    """How far the coordinate ``x`` is outside the interval [-e, e], with its sign [m]."""
+    return x - e if x > e else x + e if x < -e else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _slope(s: float, p: Array, d: Array, e: Array) -> float:
+    """Half the derivative by s of the squared distance of p + s d to the box: piecewise linear, never falling."""
+    total = 0.0
+    for k in range(3):
+        total += d[k] * _excess(p[k] + s * d[k], e[k])
+    return total
+
+
+@njit(cache=True, error_model="numpy")
+def _is_low(slope: float, flat_is_low: bool) -> bool:
+    return slope < 0.0 or (flat_is_low and slope == 0.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _zero_of_slope(p: Array, d: Array, e: Array, flat_is_low: bool) -> float:
+    """First, or with ``flat_is_low`` last, s in [0, 1] where the slope is zero; an end where it is not."""
+    if not _is_low(_slope(0.0, p, d, e), flat_is_low):
+        return 0.0
+    if _is_low(_slope(1.0, p, d, e), flat_is_low):
+        return 1.0
+    low, high = 0.0, 1.0
+    for k in range(6):
+        axis = k // 2
+        if d[axis] != 0.0:
+            side = e[axis] if k % 2 else -e[axis]
+            s = (side - p[axis]) / d[axis]
+            if low < s < high:
+                if _is_low(_slope(s, p, d, e), flat_is_low):
+                    low = s
+                else:
+                    high = s
+    # no breakpoint is left between the two: the slope is linear there
+    g_low, g_high = _slope(low, p, d, e), _slope(high, p, d, e)
+    return low + (high - low) * (-g_low) / (g_high - g_low)
+
+
+@njit(cache=True, error_model="numpy")
+def box_parameter(p: Array, d: Array, e: Array) -> float:
+    """Parameter in [0, 1] of the point of p + s d closest to the box of half sizes ``e``, box axes, each (3,) [m].
+
+    The squared distance is convex and piecewise quadratic in s. Where it is least along an interval (parallel to a
+    face, or inside) the middle of that interval is taken.
+    """
+    return 0.5 * (_zero_of_slope(p, d, e, False) + _zero_of_slope(p, d, e, True))
+
+
+@njit(cache=True, error_model="numpy")
+def _across_edge(d: Array, axis: int, m: Array) -> float:
+    """Writes the unit vector across the segment and the box's edge along ``axis``; returns the sine between them."""
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    length = math.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    norm = math.sqrt(d[i] * d[i] + d[j] * d[j])
+    m[axis] = 0.0
+    if norm > 0.0:
+        m[i], m[j] = d[j] / norm, -d[i] / norm
+    return norm / length if length > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _edge_parameter(p: Array, d: Array, e: Array, axis: int, n: Array) -> float:
+    """Parameter of the segment's line where it is closest to the box's edge along ``axis`` on the side of ``n``."""
+    along, squared = 0.0, 0.0
+    for k in range(3):
+        if k != axis:
+            corner = e[k] if n[k] > 0.0 else -e[k]
+            along += (p[k] - corner) * d[k]
+            squared += d[k] * d[k]
+    return -along / squared
+
+
+@njit(cache=True, error_model="numpy")
+def _least_translation(p: Array, d: Array, e: Array, n: Array, m: Array) -> tuple[float, float, int]:
+    """The shortest way out of the box.
+
+    The segment is out when the box inflated by it does not contain its start: a solid bounded by the faces of the box
+    and by faces across the segment and one of the box's edges. Writes the unit normal ``n`` of the nearest of them;
+    ``m`` (3,) is scratch.
+
+    Returns:
+        Signed distance (0 or below) [m], parameter of the contact point, and the axis of the edge, or -1 for a face.
+    """
+    best, parameter, edge = np.inf, 0.0, -1
+    for k in range(6):
+        axis, sign = k // 2, 1.0 if k % 2 else -1.0
+        s = 0.0 if sign * d[axis] >= 0.0 else 1.0
+        depth = e[axis] - sign * (p[axis] + s * d[axis])
+        if depth < best:
+            best, parameter = depth, s
+            n[0] = n[1] = n[2] = 0.0
+            n[axis] = sign
+    for axis in range(3):
+        if _across_edge(d, axis, m) ** 2 <= ALIGNED:
+            continue
+        reach, place = 0.0, 0.0
+        for k in range(3):
+            reach += e[k] * abs(m[k])
+            place += m[k] * p[k]
+        sign = 1.0 if place >= 0.0 else -1.0
+        depth = reach - sign * place
+        if depth < best:
+            best, edge = depth, axis
+            for k in range(3):
+                n[k] = sign * m[k]
+    if edge >= 0:
+        parameter = _edge_parameter(p, d, e, edge, n)
+    return -best, parameter, edge
+
+
+@njit(cache=True, error_model="numpy")
+def _write_free(rotation: Array, axis: int, direction: Array, owner: float, free: int, out: Array) -> None:
+    """Writes free direction number ``free``: the box's ``axis``, or for owner 1 the segment's ``direction``."""
+    length = math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+    for k in range(3):
+        out[7 + 3 * free + k] = rotation[k, axis] if owner < 0.0 else direction[k] / length
+    out[13 + free] = owner
+
+
+@njit(cache=True, error_model="numpy")
+def _write_outside_free(p: Array, d: Array, e: Array, s: float, rotation: Array, direction: Array, out: Array) -> None:
+    """Free directions outside the box: its axes where the point is not clamped, the segment's between its ends."""
+    free, last = 0, -1
+    for k in range(3):
+        if abs(p[k] + s * d[k]) <= e[k] and free < 2:
+            _write_free(rotation, k, direction, -1.0, free, out)
+            free, last = free + 1, k
+    squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
+    if free == 2 or not 0.0 < s < 1.0 or squared <= 1e-18:
+        return
+    # along an edge the segment adds a direction only where it is not parallel to it
+    if free == 0 or squared - d[last] * d[last] > ALIGNED * squared:
+        _write_free(rotation, 0, direction, 1.0, free, out)
+
+
+@njit(cache=True, error_model="numpy")
+def box_contacts(
+    origin: Array,
+    direction: Array,
+    centres: Array,
+    rotations: Array,
+    half_sizes: Array,
+    table: Indices,
+    contacts: Array,
+) -> None:
+    """Contacts of segments, or of their ends alone, with boxes.
+
+    Where the centre line is in the box the distance is minus the least translation out of it: continuous, with a kink
+    where two ways out are equally long.
+
+    Args:
+        origin: shape (na, 3) starts of the segments [m].
+        direction: shape (na, 3) from start to end [m].
+        centres: shape (nb, 3) of the boxes [m].
+        rotations: shape (nb, 3, 3) the boxes' axes in their columns.
+        half_sizes: shape (nb, 3) [m].
+        table: shape (k, 4) for each contact its row in ``contacts``, segment, box, and kind: 0 the whole segment,
+            1 its start, 2 its end.
+        contacts: shape (n, ``safety.geometry.CONTACT_SIZE``), written.
+    """
+    p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    for i in range(table.shape[0]):
+        out, feature = contacts[table[i, 0]], table[i, 3]
+        start, along = origin[table[i, 1]], direction[table[i, 1]]
+        centre, rotation, e = centres[table[i, 2]], rotations[table[i, 2]], half_sizes[table[i, 2]]
+        # an end alone is a segment of no length
+        shift, share = (1.0 if feature == 2 else 0.0), (1.0 if feature == 0 else 0.0)
+        for k in range(3):
+            p[k] = d[k] = 0.0
+            for r in range(3):
+                p[k] += rotation[r, k] * (start[r] + shift * along[r] - centre[r])
+                d[k] += rotation[r, k] * share * along[r]
+        s, squared = box_parameter(p, d, e), 0.0
+        for k in range(3):
+            n[k] = _excess(p[k] + s * d[k], e[k])
+            squared += n[k] * n[k]
+        out[13] = out[14] = 0.0
+        if squared > TOUCHING * TOUCHING:
+            out[6] = math.sqrt(squared)
+            for k in range(3):
+                n[k] /= out[6]
+            _write_outside_free(p, d, e, s, rotation, along, out)
+        else:
+            out[6], s, edge = _least_translation(p, d, e, n, m)
+            if edge >= 0:
+                _write_free(rotation, edge, along, 1.0, 0, out)
+                _write_free(rotation, edge, along, -1.0, 1, out)
+            else:
+                axis = 0 if n[0] != 0.0 else 1 if n[1] != 0.0 else 2
+                _write_free(rotation, (axis + 1) % 3, along, -1.0, 0, out)
+                _write_free(rotation, (axis + 2) % 3, along, -1.0, 1, out)
+        for k in range(3):
+            out[k] = start[k] + (shift + s * share) * along[k]
+            out[3 + k] = rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
+
+
+@njit(cache=True, error_model="numpy")
+def face_edges(
+    contacts: Array,
+    primary: Indices,
+    centres: Array,
+    rotations: Array,
+    half_sizes: Array,
+    boxes: Indices,
+    origins: Array,
+    directions: Array,
+) -> None:
+    """The four edges of the face that each contact's normal is most aligned with, as segments.
+
+    Args:
+        contacts: shape (n, ``safety.geometry.CONTACT_SIZE``).
+        primary: shape (k,) rows of contacts with boxes.
+        centres: shape (nb, 3) of the boxes [m].
+        rotations: shape (nb, 3, 3) the boxes' axes in their columns.
+        half_sizes: shape (nb, 3) [m].
+        boxes: shape (k,) the box of each contact.
+        origins: shape (4 k, 3) starts of the edges [m], written.
+        directions: shape (4 k, 3) from start to end [m], written.
+    """
+    for i in range(primary.size):
+        normal, rotation, e = contacts[primary[i], 3:6], rotations[boxes[i]], half_sizes[boxes[i]]
+        face, most, side = 0, -1.0, 1.0
+        for k in range(3):
+            along = normal[0] * rotation[0, k] + normal[1] * rotation[1, k] + normal[2] * rotation[2, k]
+            if abs(along) > most:
+                face, most, side = k, abs(along), (1.0 if along >= 0.0 else -1.0)
+        for j in range(4):
+            axis = (face + 1 + j // 2) % 3
+            other = 3 - face - axis
+            shift = e[other] if j % 2 else -e[other]
+            for r in range(3):
+                middle = centres[boxes[i], r] + side * e[face] * rotation[r, face] + shift * rotation[r, other]
+                directions[4 * i + j, r] = 2.0 * e[axis] * rotation[r, axis]
+                origins[4 * i + j, r] = middle - e[axis] * rotation[r, axis]

@@ -1,0 +1,111 @@
+"""What a filter answers, and how to read it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+
+from robots.messages import Array, Indices
+from safety.infeasibility import Candidates, minimal_conflict
+from safety.rows import HalfSpaces
+
+ACTIVE = 1e-6
+"""Conditions with less room than this [m/s, rad/s] count as active."""
+
+RELAXED = 1e-7
+"""Conditions violated by more than this [m/s, rad/s] count as relaxed; less is a solver's rounding."""
+
+
+class FilterStatus(IntEnum):
+    """What became of the nominal input."""
+
+    UNCHANGED = 0
+    """It satisfied every condition and is returned as it came."""
+    FILTERED = 1
+    """Another input, which satisfies every condition."""
+    RELAXED = 2
+    """An input that violates some conditions, by as much as the filter's resolution has it."""
+    FAILED = 3
+    """No answer: the stop action, never the nominal input. ``cause`` says why."""
+    UNSAFE = 4
+    """The nominal input, clipped, although none satisfies every condition: only where that was asked for."""
+
+
+@dataclass(frozen=True, slots=True)
+class FilterResult:
+    """A filtered input.
+
+    Attributes:
+        v: shape (nv,) the input to use: a velocity, or an acceleration for order 2.
+        status: what was done.
+        slack: largest violation of an active condition by ``v`` [m/s or rad/s], recomputed from ``v``; 0 for none.
+        worst_row: index of that condition; -1 for none.
+        active: number of conditions at their limit (to ``ACTIVE``) or beyond it.
+        relaxed: indices of the conditions that ``v`` violates by more than ``RELAXED``, ascending.
+        shortfall: by how much each of these is violated.
+        cause: why the status is ``FAILED`` or ``UNSAFE``; empty otherwise.
+        candidates: rows among which to look for a conflict; ``None`` where all conditions hold.
+    """
+
+    v: Array
+    status: FilterStatus
+    slack: float
+    worst_row: int
+    active: int
+    relaxed: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
+    shortfall: Array = field(default_factory=lambda: np.zeros(0))
+    cause: str = ""
+    candidates: Candidates | None = None
+
+    def conflict(self) -> tuple[int, ...]:
+        """A minimal set of rows that cannot hold together within the bounds; computed when asked, some ms.
+
+        Empty where they can: for r-SSA, which relaxes also what could be held, it is looked for among the rows that
+        its solver saw; PFM and SMA do not look at rows together and have none.
+        """
+        return () if self.candidates is None else minimal_conflict(self.candidates)
+
+
+def report(
+    v: Array, status: FilterStatus, spaces: HalfSpaces, cause: str = "", candidates: Candidates | None = None
+) -> FilterResult:
+    """What an input does to the conditions, whatever a solver said.
+
+    Args:
+        v: shape (nv,) the input that is returned; kept, not copied.
+        status: what was done; ``FILTERED`` becomes ``RELAXED`` where ``v`` violates a condition.
+        spaces: the conditions.
+        cause: see :class:`FilterResult`.
+        candidates: likewise; kept only where ``v`` violates a condition.
+    """
+    gap = spaces.A @ v - spaces.b
+    if gap.size == 0:
+        return FilterResult(v, status, 0.0, -1, 0, cause=cause)
+    worst = int(gap.argmin())
+    slack = max(0.0, -float(gap[worst]))
+    active = int(np.count_nonzero(gap < ACTIVE))
+    if slack <= RELAXED:
+        return FilterResult(v, status, slack, worst if slack > 0 else -1, active, cause=cause)
+    relaxed = np.flatnonzero(gap < -RELAXED)
+    if status == FilterStatus.FILTERED:
+        status = FilterStatus.RELAXED
+    return FilterResult(v, status, slack, worst, active, relaxed, -gap[relaxed], cause, candidates)
+
+
+def explain(result: FilterResult, labels: Sequence[str]) -> str:
+    """What a filter did, for humans: which rows were given up, by how much, and which cannot hold together.
+
+    Args:
+        result: of :meth:`safety.filters.SafetyFilter.apply`.
+        labels: name of every barrier row.
+
+    Returns:
+        One line or several; amounts in m/s or rad/s, for accelerations m/s^2 or rad/s^2.
+    """
+    lines = [result.status.name.lower() + (f": {result.cause}" if result.cause else "")]
+    order = np.argsort(-result.shortfall, kind="stable")
+    lines += [f"  short by {result.shortfall[k]:.3g}: {labels[result.relaxed[k]]}" for k in order]
+    if conflict := result.conflict():
+        lines.append("  cannot hold together within the bounds: " + "; ".join(labels[i] for i in conflict))
+    return "\n".join(lines)

@@ -10,6 +10,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
+from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
 
@@ -17,6 +18,9 @@ T = TypeVar("T")
 
 TABLES = ("tasks", "safety", "contact", "dynwbc", "controller", "hand_tracking")
 """Tables below ``[tuning]`` that some part of the project reads."""
+
+DRIVES = ("simulation", "hardware")
+"""What motor commands may go to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +54,16 @@ class TaskTuning:
             require_positive(f"task {name}", getattr(self, name))
 
 
+def _family(alpha: float, epsilon: float) -> FamilyParameters:
+    """Parameters of a family in the whole-body controller.
+
+    The papers' eta (0.5 m/s), slack weight (10) and pushes (0.1, 40) belong to joint velocities that are followed
+    exactly and to a cost in which all joints weigh the same. Here motors follow them with torques, and feet, balance
+    and hands weigh 100 to 1000 times as much as a joint.
+    """
+    return FamilyParameters(alpha, epsilon, eta=0.1, slack_weight=1e4, push_cartesian=1.0, push_joint=100.0)
+
+
 @dataclass(frozen=True, slots=True)
 class FilterTuning:
     """Settings of the safety filter: parameters of each constraint family, bounds and weights.
@@ -69,12 +83,12 @@ class FilterTuning:
         base_angular: bound on the base's angular velocity [rad/s].
     """
 
-    joint_limit: FamilyParameters = FamilyParameters(alpha=10.0, epsilon=10.0)
-    self_collision: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=2.0)
-    leg_collision: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=10.0)
-    obstacle: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=5.0)
-    workspace: FamilyParameters = FamilyParameters(alpha=5.0, epsilon=5.0)
-    custom: FamilyParameters = FamilyParameters()
+    joint_limit: FamilyParameters = _family(10.0, 10.0)
+    self_collision: FamilyParameters = _family(5.0, 2.0)
+    leg_collision: FamilyParameters = _family(5.0, 10.0)
+    obstacle: FamilyParameters = _family(5.0, 5.0)
+    workspace: FamilyParameters = _family(5.0, 5.0)
+    custom: FamilyParameters = _family(5.0, 5.0)
     foot_weight: float = 1000.0
     balance_weight: float = 1000.0
     hand_weight: float = 100.0
@@ -125,6 +139,9 @@ class ControllerConfig:
     Attributes:
         dt: control period [s].
         filter: name of the safety filter.
+        infeasible: what the filter does where no velocity satisfies its conditions; ``unsafe_pass_nominal`` is for
+            comparison with the papers' baselines, in simulation only.
+        drives: what the commands go to, ``simulation`` or ``hardware``.
         gain_scale: factor on the motors' gains of the description.
         tasks: KinWBC.
         safety: safety filter.
@@ -135,6 +152,8 @@ class ControllerConfig:
 
     dt: float = 0.002
     filter: str = "issf"
+    infeasible: str = "least_slack"
+    drives: str = "simulation"
     gain_scale: float = 1.0
     tasks: TaskTuning = field(default_factory=TaskTuning)
     safety: FilterTuning = field(default_factory=FilterTuning)
@@ -146,6 +165,13 @@ class ControllerConfig:
         require_between("control dt", self.dt, 1e-4, 0.02)
         require_non_negative("gain_scale", self.gain_scale)
         require_one_of("filter", self.filter, FILTERS)
+        require_one_of("infeasible", self.infeasible, INFEASIBLE)
+        require_one_of("drives", self.drives, DRIVES)
+        if self.drives == "hardware":
+            if self.filter == "none":
+                raise ConfigError("filter", self.filter, "a filter where the commands drive hardware")
+            if self.infeasible == "unsafe_pass_nominal":
+                raise ConfigError("infeasible", self.infeasible, "least_slack where the commands drive hardware")
 
 
 def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConfig:

@@ -2,9 +2,15 @@
 
 from collections.abc import Sequence
 
+import numpy as np
+
+from robots.checks import require_non_negative, require_one_of, require_positive
 from robots.messages import Array
 from safety.obstacles import Obstacle
 from safety.tracking import ObstacleTrack, TrackerSettings
+
+VELOCITIES = ("estimated", "zero")
+"""What velocity the obstacles are given: the tracks' estimate, or none, to see what the estimate is worth."""
 
 
 class SphereTracker:
@@ -13,19 +19,41 @@ class SphereTracker:
     Args:
         radii: of the spheres, above 0 [m].
         settings: of the tracks.
+        kappa: by how many standard deviations of its position each sphere is enlarged, 0 or above. The enlargement
+            grows while a sphere is not seen; that growth is not part of the sphere's velocity.
+        velocity: one of ``VELOCITIES``.
+
+    Raises:
+        ConfigError: a value is not allowed.
     """
 
-    def __init__(self, radii: Sequence[float], settings: TrackerSettings | None = None) -> None:
+    def __init__(
+        self,
+        radii: Sequence[float],
+        settings: TrackerSettings | None = None,
+        kappa: float = 0.0,
+        velocity: str = "estimated",
+    ) -> None:
+        for i, radius in enumerate(radii):
+            require_positive(f"radius of tracked sphere {i}", radius)
+        require_non_negative("tracker kappa", kappa)
+        require_one_of("tracker velocity", velocity, VELOCITIES)
         self._radii = tuple(radii)
-        self._tracks = [ObstacleTrack(settings) for _ in radii]
+        self._kappa = kappa
+        self._moving = velocity == "estimated"
+        self.tracks = tuple(ObstacleTrack(settings) for _ in radii)
 
-    def observe(self, index: int, position: Array, stamp: float) -> None:
-        """A measured position (3,) [m] of sphere ``index`` at ``stamp`` [s]; see :meth:`ObstacleTrack.measure`."""
-        self._tracks[index].measure(position, stamp)
+    def observe(self, index: int, position: Array | None, stamp: float) -> bool:
+        """A measured position (3,) [m] of sphere ``index`` at ``stamp`` [s], or ``None`` where it was not seen.
+
+        Returns:
+            Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
+        """
+        return self.tracks[index].measure(position, stamp)
 
     def fault(self, stamp: float) -> str | None:
         """Which track is too old to be used at ``stamp`` [s], in words; ``None`` where all are fresh."""
-        for i, track in enumerate(self._tracks):
+        for i, track in enumerate(self.tracks):
             if not track.age(stamp) <= track.settings.max_age:
                 return (
                     f"track of obstacle {i} is {track.age(stamp):.3g} s old, allowed are {track.settings.max_age:g} s"
@@ -33,13 +61,15 @@ class SphereTracker:
         return None
 
     def obstacles(self, stamp: float) -> list[Obstacle]:
-        """The spheres predicted to ``stamp`` [s], with their estimated velocities.
+        """The spheres predicted to ``stamp`` [s].
 
         Raises:
             ConfigError: a track is too old; :meth:`fault` tells beforehand.
         """
         out = []
-        for radius, track in zip(self._radii, self._tracks, strict=True):
+        for radius, track in zip(self._radii, self.tracks, strict=True):
             position, velocity = track.estimate(stamp)
-            out.append(Obstacle.sphere(position, radius, velocity))
+            # without kappa the covariance is not needed
+            margin = self._kappa * track.position_sigma(stamp) if self._kappa else 0.0
+            out.append(Obstacle.sphere(position, radius + margin, velocity if self._moving else np.zeros(3)))
         return out

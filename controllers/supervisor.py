@@ -83,7 +83,7 @@ class Supervisor:
             self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
             return self._fading_command(state.stamp), None
         result = self.controller.tick(state, reference, obstacles)
-        self._obstacles = [Obstacle(o.start, o.end, o.radius) for o in obstacles]
+        self._obstacles = [o.at_rest() for o in obstacles]
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._stop_blindly("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
@@ -91,7 +91,8 @@ class Supervisor:
         failed = result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
         self._failures = self._failures + 1 if failed else 0
         if self._failures >= MAX_FAILURES:
-            what = f"filter {result.safety.status.name.lower()}, DynWBC {result.dynwbc.status}"
+            why = f": {result.safety.cause}" if result.safety.cause else ""
+            what = f"filter {result.safety.status.name.lower()}{why}, DynWBC {result.dynwbc.status}"
             self._stop_blindly(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
         return result.command, result
 

@@ -6,15 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.acceleration_filter import AccelerationFilter
 from controllers.config import ControllerConfig
 from controllers.reference import WholeBodyReference
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, Mask, MotorCommand, RobotState
-from safety.barriers import BarrierSet, ObstacleBarrier, standard_barriers
-from safety.filters import FilterResult, SafetyFilter
+from safety.barriers import Barrier, BarrierSet, ObstacleBarrier, standard_barriers
+from safety.filters import FilterResult, FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
+from safety.rows import BarrierRows
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
 from wbc.kinwbc import KinWbc
@@ -59,8 +61,9 @@ class WholeBodyController:
         robot: the description.
         config: settings.
         with_hands: whether the hands are tasks (then every reference must give them).
-        obstacle_count: how many obstacles every tick is given.
+        obstacle_kinds: kind of each obstacle that every tick is given (see :mod:`safety.obstacles`).
         clock: monotonic seconds, for the stage times.
+        extra_barriers: makes further barriers from the controller's kinematics.
 
     Raises:
         ConfigError: a setting is not allowed.
@@ -71,8 +74,9 @@ class WholeBodyController:
         robot: RobotDescription,
         config: ControllerConfig,
         with_hands: bool,
-        obstacle_count: int = 0,
+        obstacle_kinds: Sequence[str] = (),
         clock: Callable[[], float] = time.perf_counter,
+        extra_barriers: Callable[[Kinematics], Sequence[Barrier]] | None = None,
     ) -> None:
         self.robot = robot
         self.config = config
@@ -81,23 +85,27 @@ class WholeBodyController:
         self._mass = robot.total_mass
         self._with_hands = with_hands
         self._make_tasks(with_hands)
-        self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_count)
-        self.obstacle_count = obstacle_count
+        extra = () if extra_barriers is None else extra_barriers(self.kin)
+        self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
+        self.obstacle_count = len(obstacle_kinds)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
+        self.acceleration_filter = AccelerationFilter(safety.parameters(), v_max) if config.filter == "ecbf" else None
         self.filter = SafetyFilter(
-            config.filter,
+            "none" if self.acceleration_filter else config.filter,
             self.barriers.size,
             safety.parameters(),
             v_max,
             safety.foot_weight,
             safety.balance_weight,
             safety.hand_weight,
+            config.infeasible,
         )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
-        self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver)
+        count = self.barriers.size if self.acceleration_filter else 0
+        self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
         self._kp = config.gain_scale * robot.joint_array("kp")
         self._kd = config.gain_scale * robot.joint_array("kd")
@@ -145,14 +153,14 @@ class WholeBodyController:
         Args:
             state: measured or estimated.
             reference: what to do now.
-            obstacles: as many as announced.
+            obstacles: of the kinds announced.
 
         Returns:
             The command and what led to it.
 
         Raises:
             ValueError: the state is not finite (a supervisor stops before that, see
-                :class:`controllers.supervisor.Supervisor`), the number of obstacles is another than announced, or the
+                :class:`controllers.supervisor.Supervisor`), number or kinds of obstacles are not as announced, or the
                 reference gives no hands to a controller that has them as tasks.
         """
         if not all_finite(state.q, state.v):
@@ -166,28 +174,47 @@ class WholeBodyController:
         marks.append(self._clock())
         v_des = self.kinwbc.solve(levels)
         marks.append(self._clock())
-        if self._obstacles is not None:
-            self._obstacles.set_obstacles(obstacles)
-        rows = self.barriers.evaluate(kin)
+        rows = self._barrier_rows(obstacles)
         marks.append(self._clock())
-        feet = self._stance_jacobian(levels[0][0], reference.in_contact)
-        balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
-        hands = levels[4][0] if self._with_hands else None
-        safety = self.filter.apply(rows, v_des, feet, balance, hands)
+        safety = self._filter_velocity(rows, v_des, levels, reference.in_contact)
         marks.append(self._clock())
         acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
         wrench = self._wrench_reference(reference, acceleration)
         contact_bias = None
         if self.config.dynwbc.contact > 0:
             contact_bias = contact_bias_acceleration(kin, self.dynwbc.frame_ids)
-        problem = self.dynwbc.build(kin, acceleration, wrench, reference.in_contact, contact_bias)
+        spaces = None if self.acceleration_filter is None else self.acceleration_filter.conditions(rows, state.v)
+        conditions = None if spaces is None else (spaces.A, spaces.b)
+        problem = self.dynwbc.build(kin, acceleration, wrench, reference.in_contact, contact_bias, conditions)
         marks.append(self._clock())
         dynamic = self.dynwbc.solve(problem)
+        if self.acceleration_filter is not None and spaces is not None:
+            v = self.dynwbc.velocity_command(dynamic.acceleration, state.v, dt)
+            safety = self.acceleration_filter.result(v, safety.v, spaces, dynamic)
         marks.append(self._clock())
         command = MotorCommand(
             state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp
         )
         return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+
+    def _barrier_rows(self, obstacles: Sequence[Obstacle]) -> BarrierRows:
+        """Rows at the kinematics' state, of second order where accelerations are filtered."""
+        if self._obstacles is not None:
+            self._obstacles.set_obstacles(obstacles)
+        second_order = self.acceleration_filter is not None
+        if second_order:
+            self.kin.update_second_order()
+        return self.barriers.evaluate(self.kin, second_order)
+
+    def _filter_velocity(
+        self, rows: BarrierRows, v_des: Array, levels: Sequence[tuple[Array, Array]], in_contact: Mask
+    ) -> FilterResult:
+        if self.acceleration_filter is not None:
+            return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
+        feet = self._stance_jacobian(levels[0][0], in_contact)
+        balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
+        hands = levels[4][0] if self._with_hands else None
+        return self.filter.apply(rows, v_des, feet, balance, hands)
 
     def _set_references(self, reference: WholeBodyReference) -> None:
         for task, point, rotation in zip(self._feet, reference.soles, reference.sole_rotations, strict=True):

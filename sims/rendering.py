@@ -2,7 +2,7 @@
 
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib import import_module
@@ -19,6 +19,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, SafeWbcError
 from robots.messages import Array
 from robots.mujoco_spec import COLLISION_GROUP, build_mujoco_spec
+from sims.shapes import Shape
 
 Image = NDArray[np.uint8]
 
@@ -26,6 +27,13 @@ DEBIAN_PACKAGES = "libegl1 libgl1-mesa-dri libopengl0"
 SKELETON_RGBA = (0.63, 0.65, 0.69, 1.0)
 MARKER_RGBA = np.array([0.16, 0.68, 0.38, 1.0], dtype=np.float32)
 OBSTACLE_RGBA = np.array([0.42, 0.2, 0.55, 0.9], dtype=np.float32)
+SHAPE_RGBA = np.array([0.5, 0.53, 0.58, 0.45], dtype=np.float32)
+"""Grey, and seen through: what it hides is what matters."""
+GEOM_TYPES = {
+    "sphere": mujoco.mjtGeom.mjGEOM_SPHERE.value,
+    "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE.value,
+    "box": mujoco.mjtGeom.mjGEOM_BOX.value,
+}
 SHORTEST_BONE = 0.02
 """Joint offsets shorter than this [m] get no bone: it would be hidden in its neighbours."""
 
@@ -44,12 +52,14 @@ class Camera:
         elevation: direction of view over the horizon [deg]; negative looks down.
         distance: from the camera to the point it looks at, in heights of the robot.
         look_at: point (x, y) on the ground that stays in the centre [m]; ``None`` follows the base.
+        height: of the point in the centre over the ground, in heights of the robot.
     """
 
     azimuth: float = 213.0
     elevation: float = -9.0
     distance: float = 1.55
     look_at: tuple[float, float] | None = None
+    height: float = 0.47
 
 
 @cache
@@ -152,6 +162,7 @@ class RobotRenderer:
         camera: Camera | None = None,
         markers: Array | None = None,
         obstacles: Array | None = None,
+        shapes: Sequence[Shape] = (),
     ) -> Image:
         """Draw the robot.
 
@@ -162,12 +173,13 @@ class RobotRenderer:
             camera: where from; ``None`` for the front left, following the base.
             markers: shape (n, 3) points in the world that get a small green ball [m].
             obstacles: shape (n, 4) spheres in the world, centre and radius [m].
+            shapes: further things in the world, drawn in translucent grey.
 
         Returns:
             Shape (height, width, 3), a new array.
 
         Raises:
-            ConfigError: ``q`` or ``colours`` has another shape, or there are too many markers.
+            ConfigError: ``q`` or ``colours`` has another shape, or there are too many markers and shapes.
             RenderingError: the renderer is closed.
         """
         if self._gl is None:
@@ -181,6 +193,7 @@ class RobotRenderer:
         points = np.empty((0, 3)) if markers is None else markers
         self._add_spheres(np.column_stack([points, np.full(len(points), 0.016 * self._height)]), MARKER_RGBA)
         self._add_spheres(np.empty((0, 4)) if obstacles is None else obstacles, OBSTACLE_RGBA)
+        self._add_shapes(shapes, SHAPE_RGBA)
         self._gl.make_current()
         mujoco.mjr_render(self._rect, self._scene, self._context)
         pixels = np.empty((self._rect.height, self._rect.width, 3), dtype=np.uint8)
@@ -209,16 +222,20 @@ class RobotRenderer:
         camera.azimuth, camera.elevation = view.azimuth, view.elevation
         camera.distance = view.distance * self._height
         x, y = (q[0], q[1]) if view.look_at is None else view.look_at
-        camera.lookat[:] = x, y, 0.47 * self._height
+        camera.lookat[:] = x, y, view.height * self._height
         return camera
 
     def _add_spheres(self, spheres: Array, rgba: NDArray[np.float32]) -> None:
-        if len(spheres) > (room := self._scene.maxgeom - self._scene.ngeom):
-            raise ConfigError("markers", len(spheres), f"at most {room} points")
-        axes = np.eye(3).ravel()
-        for x, y, z, radius in spheres:
-            geom, size = self._scene.geoms[self._scene.ngeom], np.full(3, radius)
-            mujoco.mjv_initGeom(geom, mujoco.mjtGeom.mjGEOM_SPHERE.value, size, np.array([x, y, z]), axes, rgba)
+        self._add_shapes([Shape("sphere", (float(s[3]),), s[:3]) for s in spheres], rgba)
+
+    def _add_shapes(self, shapes: Sequence[Shape], rgba: NDArray[np.float32]) -> None:
+        if len(shapes) > (room := self._scene.maxgeom - self._scene.ngeom):
+            raise ConfigError("markers and shapes", len(shapes), f"at most {room}")
+        for shape in shapes:
+            geom = self._scene.geoms[self._scene.ngeom]
+            # a sphere's radius goes for all three axes
+            size = np.resize(shape.size, 3) if shape.kind != "capsule" else np.array([*shape.size, 0.0])
+            mujoco.mjv_initGeom(geom, GEOM_TYPES[shape.kind], size, shape.center, shape.rotation.ravel(), rgba)
             self._scene.ngeom += 1
 
 

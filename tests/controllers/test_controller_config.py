@@ -17,7 +17,6 @@ from controllers.motions import circle_settings
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
-from safety.conditions import FamilyParameters
 from safety.rows import FAMILIES
 
 BAD_NUMBERS = (0.0, -1.0, float("nan"), float("inf"), "1", None)
@@ -41,7 +40,7 @@ def test_tables_of_the_description_override_defaults_and_changes_override_tables
     )
     config = controller_config(robot, filter="none", dt=0.001)
     assert config.tasks == TaskTuning(com=3.0)
-    assert config.safety == FilterTuning(self_collision=FamilyParameters(alpha=5.0, epsilon=7.0))
+    assert config.safety == FilterTuning(self_collision=replace(FilterTuning().self_collision, epsilon=7.0))
     assert config.contact == ContactTuning(friction=0.4)
     assert config.dynwbc.kd == 25.0
     assert (config.gain_scale, config.filter, config.dt) == (0.5, "none", 0.001)

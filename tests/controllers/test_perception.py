@@ -1,0 +1,118 @@
+"""What becomes of measured spheres before the filter sees them."""
+
+import numpy as np
+import pytest
+
+from controllers.perception import SphereTracker
+from robots.errors import ConfigError
+from safety.obstacles import Obstacle
+from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
+
+STARTS = (np.array([0.5, 0.1, 0.9]), np.array([-0.4, 0.3, 1.2]))
+RATES = (np.array([0.3, -0.1, 0.0]), np.array([0.0, 0.5, 0.2]))
+RADII = (0.08, 0.2)
+LAST = 0.98
+"""Stamp of the last measurement [s]."""
+
+
+def observed(tracker: SphereTracker) -> SphereTracker:
+    for t in np.arange(0.0, LAST + 0.01, 0.02):
+        for i, (start, rate) in enumerate(zip(STARTS, RATES, strict=True)):
+            assert tracker.observe(i, start + t * rate, float(t))
+    return tracker
+
+
+def packed(obstacle: Obstacle) -> tuple[np.ndarray, float, np.ndarray]:
+    return obstacle.position, obstacle.radius, obstacle.velocity
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("ahead", [0.0, 0.004, 0.15])
+def test_spheres_are_where_they_move_to_with_their_radius_and_velocity(model: str, ahead: float) -> None:
+    obstacles = observed(SphereTracker(RADII, TrackerSettings(model=model))).obstacles(LAST + ahead)
+    for obstacle, radius, start, rate in zip(obstacles, RADII, STARTS, RATES, strict=True):
+        position, size, velocity = packed(obstacle)
+        np.testing.assert_allclose(position, start + (LAST + ahead) * rate, rtol=0, atol=1e-4)
+        np.testing.assert_allclose(velocity, rate, rtol=0, atol=1e-3)
+        assert size == radius
+
+
+@pytest.mark.parametrize("model", MODELS)
+@pytest.mark.parametrize("kappa", [0.5, 3.0])
+def test_kappa_enlarges_by_so_many_standard_deviations(model: str, kappa: float) -> None:
+    settings = TrackerSettings(model=model)
+    bare, inflated = observed(SphereTracker(RADII, settings)), observed(SphereTracker(RADII, settings, kappa=kappa))
+    gaps = []
+    for ahead in (0.0, 0.05, 0.15):
+        pairs = zip(bare.obstacles(LAST + ahead), inflated.obstacles(LAST + ahead), strict=True)
+        for (plain, large), track in zip(pairs, inflated.tracks, strict=True):
+            sigma = np.sqrt(np.linalg.eigvalsh(track.covariance(LAST + ahead)[:3, :3])[-1])
+            assert large.radius - plain.radius == pytest.approx(kappa * sigma, rel=1e-9)
+            np.testing.assert_array_equal(large.position, plain.position)
+            np.testing.assert_array_equal(large.velocity, plain.velocity)
+        gaps.append(large.radius)
+    assert gaps == sorted(set(gaps))
+
+
+def test_without_velocity_the_spheres_are_in_the_same_place_at_rest() -> None:
+    moving, resting = observed(SphereTracker(RADII)), observed(SphereTracker(RADII, velocity="zero"))
+    for a, b in zip(moving.obstacles(LAST + 0.1), resting.obstacles(LAST + 0.1), strict=True):
+        np.testing.assert_array_equal(a.position, b.position)
+        np.testing.assert_array_equal(b.velocity, np.zeros(3))
+        assert a.velocity.any()
+
+
+def test_each_sphere_has_a_track_of_its_own() -> None:
+    tracker = observed(SphereTracker(RADII))
+    alone = ObstacleTrack()
+    for t in np.arange(0.0, LAST + 0.01, 0.02):
+        alone.measure(STARTS[1] + t * RATES[1], float(t))
+    assert tracker.observe(0, STARTS[0] + (LAST + 0.02) * RATES[0], LAST + 0.02)
+    assert not tracker.observe(1, None, LAST + 0.02)
+    position, velocity = alone.estimate(LAST + 0.05)
+    np.testing.assert_allclose(tracker.obstacles(LAST + 0.05)[1].position, position, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(tracker.obstacles(LAST + 0.05)[1].velocity, velocity, rtol=0, atol=1e-13)
+
+
+def test_an_outlier_is_not_accepted() -> None:
+    tracker = observed(SphereTracker(RADII))
+    before = tracker.obstacles(LAST + 0.05)[0]
+    assert not tracker.observe(0, STARTS[0] + 5.0, LAST + 0.02)
+    np.testing.assert_allclose(tracker.obstacles(LAST + 0.05)[0].position, before.position, rtol=0, atol=1e-13)
+    assert tracker.tracks[0].rejected == 1
+
+
+def test_a_stale_track_is_a_fault_by_its_number_and_an_error() -> None:
+    tracker = observed(SphereTracker(RADII, TrackerSettings(max_age=0.1)))
+    assert tracker.fault(LAST + 0.1 - 1e-9) is None
+    tracker.observe(0, STARTS[0] + (LAST + 0.1) * RATES[0], LAST + 0.1)
+    fault = tracker.fault(LAST + 0.15)
+    assert fault is not None
+    assert "obstacle 1 is 0.15 s old, allowed are 0.1 s" in fault
+    with pytest.raises(ConfigError, match="age of the obstacle track"):
+        tracker.obstacles(LAST + 0.15)
+
+
+def test_an_obstacle_never_seen_is_a_fault() -> None:
+    fault = SphereTracker([0.1]).fault(0.0)
+    assert fault is not None
+    assert "obstacle 0 is inf s old" in fault
+    assert SphereTracker([]).fault(0.0) is None
+    assert SphereTracker([]).obstacles(0.0) == []
+
+
+@pytest.mark.parametrize("kappa", [-1.0, np.nan, np.inf])
+def test_kappa_is_checked(kappa: float) -> None:
+    with pytest.raises(ConfigError, match="tracker kappa"):
+        SphereTracker([0.1], kappa=kappa)
+
+
+@pytest.mark.parametrize("radius", [0.0, -0.1, np.nan])
+def test_radii_are_checked_by_number(radius: float) -> None:
+    with pytest.raises(ConfigError, match="radius of tracked sphere 1"):
+        SphereTracker([0.1, radius])
+
+
+def test_velocity_is_checked() -> None:
+    with pytest.raises(ConfigError, match="tracker velocity = 'true': must be one of estimated, zero"):
+        SphereTracker([0.1], velocity="true")

@@ -1,4 +1,4 @@
-"""Benchmark of the tick: stage by stage, over the states of a recorded run."""
+"""Benchmarks; that of the tick: stage by stage, over the states of a recorded run."""
 
 import gc
 import json
@@ -28,29 +28,46 @@ from robots.pinocchio_model import standing_configuration
 from safety.filters import FILTERS
 from sims.plant import MujocoPlant, PlantConfig
 
+TICKS = 5000
+"""Ticks to measure if not said otherwise."""
+
 WARM_UP = 100
 """Ticks run and not counted."""
 
 
 def bench(options: BenchOptions) -> int:
-    """Measure every robot and print the table; returns 0."""
-    require_between("ticks", options.ticks, 100, 1_000_000)
+    """Measure what was asked for; returns 0."""
+    unused = {"tick": ("filters",), "filters": ("robots", "filter", "solver")}[options.what]
+    for name in unused:
+        if getattr(options, name) != getattr(BenchOptions, name):
+            raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
+    if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
+        raise ConfigError("out", str(options.out), "a file in a folder that can be written")
+    if options.what == "filters":
+        from experiments.filter_bench import bench_filters
+
+        return bench_filters(options)
+    return bench_tick(options)
+
+
+def bench_tick(options: BenchOptions) -> int:
+    """Measure one control tick of every robot and print the table; returns 0."""
+    ticks = TICKS if options.ticks is None else options.ticks
+    require_between("ticks", ticks, 100, 1_000_000)
     require_one_of("filter", options.filter, FILTERS)
     robots = [load_robot(name) for name in options.robots]
     if not robots:
         raise ConfigError("robots", options.robots, "at least one robot")
-    if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
-        raise ConfigError("out", str(options.out), "a file in a folder that can be written")
     console = Console()
     figures: dict[str, Any] = {}
-    table = Table(title=f"one tick in microseconds over {options.ticks} ticks, filter {options.filter}")
+    table = Table(title=f"one tick in microseconds over {ticks} ticks, filter {options.filter}")
     table.add_column("stage")
     for robot in robots:
         warm_up(console, robot)
         table.add_column(f"{robot.name} median", justify="right")
         table.add_column("p99", justify="right")
         with console.status(f"{robot.title}: recording a run, then replaying it"):
-            figures[robot.name] = stage_figures(measure(robot, options))
+            figures[robot.name] = stage_figures(measure(robot, options, ticks))
     for stage in (*STAGES, "total"):
         cells = [f"{figures[r.name][stage][k]:.1f}" for r in robots for k in ("median_us", "p99_us")]
         table.add_row(stage, *cells, style="bold" if stage == "total" else None)
@@ -61,10 +78,10 @@ def bench(options: BenchOptions) -> int:
     return 0
 
 
-def measure(robot: RobotDescription, options: BenchOptions) -> Array:
+def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:
     """Stage times (ticks, len(STAGES)) [s] of the hand-tracking run at +20 % mass, replayed without the plant."""
     controller, reference, motion = _set_up(robot, options)
-    states = _record(controller, reference, motion, options.ticks + WARM_UP)
+    states = _record(controller, reference, motion, ticks + WARM_UP)
     controller, reference, motion = _set_up(robot, options)
     out = np.zeros((len(states), len(STAGES)))
     gc.collect()

@@ -9,6 +9,7 @@ import tyro
 
 from experiments.options import (
     BenchOptions,
+    CorridorOptions,
     DemoOptions,
     DoctorOptions,
     HandTrackingOptions,
@@ -28,6 +29,7 @@ USAGE_ERROR = 2
 Experiment = (
     Annotated[StandOptions, tyro.conf.subcommand("stand")]
     | Annotated[HandTrackingOptions, tyro.conf.subcommand("hand-tracking")]
+    | Annotated[CorridorOptions, tyro.conf.subcommand("corridor")]
 )
 
 
@@ -84,6 +86,10 @@ def dispatch(command: object) -> int:
 
         return table(command)
     assert isinstance(command, Run)
+    if isinstance(command.experiment, CorridorOptions):
+        from experiments.corridor import corridor
+
+        return corridor(command.experiment)
     from experiments.console import run_and_save
 
     return run_and_save(command.experiment)

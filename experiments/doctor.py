@@ -82,7 +82,7 @@ def check_kernels() -> str:
     kin = Kinematics(robot)
     kin.update_geometry(standing_configuration(robot))
     start = time.perf_counter()
-    rows = standard_barriers(kin, obstacle_count=1)
+    rows = standard_barriers(kin, ("sphere",))
     rows.evaluate(kin)
     return f"{rows.size} rows, ready after {time.perf_counter() - start:.1f} s"
 

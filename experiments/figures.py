@@ -11,7 +11,7 @@ from experiments.results import RunResult
 class Figure:
     """One entry of a summary: its ``key``, in ``words``, shown in ``unit`` after multiplying by ``factor``.
 
-    ``bad`` says which values stand out: ``negative``, ``true``, ``given`` or ``positive``; empty for none.
+    ``bad`` says which values stand out: ``negative``, ``true``, ``false``, ``given`` or ``positive``; empty for none.
     """
 
     key: str
@@ -36,6 +36,7 @@ class Figure:
             "": False,
             "given": True,
             "true": value is True,
+            "false": value is False,
             "negative": isinstance(value, float) and value < 0,
             "positive": isinstance(value, int | float) and value > 0,
         }[self.bad]
@@ -50,6 +51,11 @@ FIGURES = (
     Figure("min_h_obstacle_m", "smallest obstacle barrier", "mm", 1e3, "negative"),
     Figure("min_h_workspace_m", "smallest workspace barrier", "mm", 1e3, "negative"),
     Figure("min_h_reference_m", "smallest barrier of the reference motion", "mm", 1e3),
+    Figure("disturbance_max", "velocity error |d|, largest", "m/s, rad/s"),
+    Figure("bound_m", "bound on h for that |d|, self-collision", "mm", 1e3),
+    Figure("row_bound_min_m", "bound on h of the closest pair, smallest", "mm", 1e3),
+    Figure("margin_self_collision_m", "least room of h above its running bound", "mm", 1e3, "negative"),
+    Figure("bound_held", "h stayed above its running bounds", bad="false"),
     Figure("hand_rmse_m", "hand error, RMS", "mm", 1e3),
     Figure("hand_rmse_outside_conflict_m", "hand error outside the conflict, RMS", "mm", 1e3),
     Figure("com_error_settled_max_m", "CoM error once settled, largest", "mm", 1e3),
@@ -59,6 +65,8 @@ FIGURES = (
     Figure("qp_failures", "ticks without a QP solution", bad="positive"),
     Figure("filtered_fraction", "ticks in which the filter changed the velocity", "%", 1e2),
     Figure("relaxed_fraction", "ticks with relaxed conditions", "%", 1e2, "positive"),
+    Figure("command_step_rms", "change of the velocity command per tick, RMS", "rad/s"),
+    Figure("command_step_max", "change of the velocity command per tick, largest", "rad/s"),
     Figure("tick_ms_median", "tick, median", "ms"),
     Figure("tick_ms_p99", "tick, 99th percentile", "ms"),
 )

@@ -12,7 +12,7 @@ from experiments.encounter import SensorSettings
 from experiments.options import HandTrackingOptions
 from experiments.results import RunResult
 from experiments.session import check_options, run
-from robots.checks import require_between, require_non_negative, require_one_of
+from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
@@ -60,14 +60,14 @@ def obstacle_settings(options: HandTrackingOptions) -> SensorSettings | None:
     Raises:
         ConfigError: a value is not allowed.
     """
-    # slower than this, the track would be stale between two measurements
-    require_between("obstacle_rate", options.obstacle_rate, 10.0, 1000.0)
-    require_between("obstacle_noise", options.obstacle_noise, 0.0, 0.1)
-    lost_at = math.inf
-    if options.obstacle_lost_at is not None:
-        require_non_negative("obstacle_lost_at", options.obstacle_lost_at)
-        lost_at = options.obstacle_lost_at
-    return SensorSettings(options.obstacle_rate, options.obstacle_noise, lost_at) if options.obstacle else None
+    settings = SensorSettings(
+        options.obstacle_rate,
+        options.obstacle_noise,
+        math.inf if options.obstacle_lost_at is None else options.obstacle_lost_at,
+        options.obstacle_velocity,
+        options.obstacle_kappa,
+    )
+    return settings if options.obstacle else None
 
 
 def start_posture(robot: RobotDescription) -> str:

@@ -11,13 +11,16 @@ from controllers.reference import WholeBodyReference
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
-from experiments.results import STOPPED
+from experiments.results import GUARANTEED, STOPPED, family_minima
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.rotation import rotation_from_quaternion
 from safety.barriers import ObstacleBarrier, standard_barriers
+from safety.filters import FilterStatus, explain
+from safety.guarantee import RowBound, promises
 from safety.obstacles import Obstacle
+from safety.rows import BarrierRows
 from sims.plant import MujocoPlant
 
 FALL_TILT = np.cos(np.deg2rad(60.0))
@@ -39,20 +42,32 @@ class LoopOutcome:
 
 
 class TrueBarriers:
-    """Barrier values at the plant's true state, by a model of its own: nothing the controller believes enters."""
+    """Barriers at the plant's true state, by a model of its own: nothing the controller believes enters.
 
-    def __init__(self, robot: RobotDescription, obstacle_count: int) -> None:
+    Of the rows of a pair only the distance is kept.
+    """
+
+    def __init__(self, robot: RobotDescription, obstacle_kinds: Sequence[str]) -> None:
         self._kin = Kinematics(robot)
-        self._set = standard_barriers(self._kin, obstacle_count)
+        self._set = standard_barriers(self._kin, obstacle_kinds, keep_fixed=True)
         self._obstacles = next((b for b in self._set.barriers if isinstance(b, ObstacleBarrier)), None)
-        self.slices = self._set.slices
+        self._kept = np.concatenate(list(self._set.primary.values()))
+        ends = np.cumsum([rows.size for rows in self._set.primary.values()])
+        self.slices = {f: slice(e - r.size, e) for (f, r), e in zip(self._set.primary.items(), ends, strict=True)}
 
-    def evaluate(self, q: Array, obstacles: Sequence[Obstacle] = ()) -> Array:
-        """Values (n,) at a true configuration (nq,) among the true obstacles."""
+    def evaluate(self, q: Array, obstacles: Sequence[Obstacle] = ()) -> BarrierRows:
+        """Rows at a true configuration (nq,) among the true obstacles."""
         self._kin.update_geometry(q)
         if self._obstacles is not None:
             self._obstacles.set_obstacles(obstacles)
-        return self._set.evaluate(self._kin).h
+        rows, kept = self._set.evaluate(self._kin), self._kept
+        return BarrierRows(rows.h[kept], rows.jac[kept], rows.drift[kept], rows.family[kept])
+
+    def gradients(self, rows: BarrierRows) -> Array:
+        """Largest size of a row of the Jacobian in each family of ``GUARANTEED``, NaN where it has no rows."""
+        squared = np.vecdot(rows.jac, rows.jac)
+        parts = (squared[self.slices.get(family, slice(0, 0))] for family in GUARANTEED)
+        return np.sqrt([part.max() if part.size else np.nan for part in parts])
 
 
 class ClosedLoop:
@@ -85,9 +100,14 @@ class ClosedLoop:
         self.encounter = encounter
         self.nan_at = nan_at
         self.progress = progress
-        self.truth = TrueBarriers(plant.robot, 0 if encounter is None else 1)
+        self.truth = TrueBarriers(plant.robot, () if encounter is None else ("sphere",))
         self.ticks: list[dict[str, Array | float | int]] = []
         self.steps: list[dict[str, Array | float]] = []
+        config = supervisor.controller.config
+        self._promises = promises(config.filter, config.safety.parameters())
+        promise = self._promises.get("self_collision")
+        self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
+        self.first_relaxed: str | None = None
         self._start_height = float(plant.true_state().q[2])
 
     def run(self, duration: float) -> LoopOutcome:
@@ -125,6 +145,8 @@ class ClosedLoop:
         start = time.perf_counter()
         command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
         elapsed = time.perf_counter() - start
+        if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:
+            self.first_relaxed = f"at {t:.3f} s: " + explain(result.safety, self.supervisor.controller.barriers.labels)
         self.plant.send(command)
         self._record_tick(t, result, elapsed)
 
@@ -176,16 +198,25 @@ class ClosedLoop:
     def _record_step(self) -> None:
         plant, cut = self.plant, self.truth.slices
         obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
-        h = self.truth.evaluate(plant.true_state().q, obstacles)
+        state = plant.true_state()
+        rows = self.truth.evaluate(state.q, obstacles)
+        h, pairs = rows.h, cut["self_collision"]
+        disturbance = state.v - self.ticks[-1]["v_safe"]
+        row_bound = np.nan
+        if self._row_bound is not None:
+            row_bound = self._row_bound.advance(h[pairs], rows.jac[pairs], disturbance)
         self.steps.append(
             {
                 "h_obstacle": float(h[cut["obstacle"]].min()) if obstacles else np.inf,
                 "step_time": plant.time,
-                "h_self_collision": h[cut["self_collision"].start : cut["leg_collision"].stop].astype(np.float32),
+                "h_self_collision": h[pairs.start : cut["leg_collision"].stop].astype(np.float32),
                 "h_joint_limit": float(h[cut["joint_limit"]].min()),
                 "h_workspace": h[cut["workspace"]].copy(),
                 "step_zmp": plant.zero_moment_point(),
                 "torque_fraction": np.abs(plant.torque) / plant.effort,
+                "disturbance": float(np.linalg.norm(disturbance)),
+                "gradient": self.truth.gradients(rows),
+                "h_row_bound": row_bound,
             }
         )
 
@@ -197,4 +228,18 @@ class ClosedLoop:
     def series(self) -> dict[str, Array]:
         """Everything recorded, stacked."""
         out = {key: np.array([row[key] for row in self.ticks]) for key in self.ticks[0]}
-        return out | {key: np.array([row[key] for row in self.steps]) for key in self.steps[0]}
+        out |= {key: np.array([row[key] for row in self.steps]) for key in self.steps[0]}
+        return out | {"h_bound": self._bounds(out)}
+
+    def _bounds(self, series: dict[str, Array]) -> Array:
+        """Running bound of each family of ``GUARANTEED``, shape (P, 5); NaN where nothing is promised."""
+        h = family_minima(series, len(self.plant.robot.leg_pairs))
+        bounds = np.full(h.shape, np.nan)
+        for i, family in enumerate(GUARANTEED):
+            if family in self._promises and np.isfinite(h[0, i]):
+                # h is known from the end of the first step on
+                promise = self._promises[family]
+                bounds[0, i] = min(h[0, i], promise.margin)
+                disturbance, gradient = series["disturbance"][1:], series["gradient"][1:, i]
+                bounds[1:, i] = promise.running_bound(h[0, i], disturbance, gradient, self.plant.config.dt)
+        return bounds

@@ -13,7 +13,9 @@ from PIL import Image, ImageDraw, ImageFont
 from experiments.results import RunResult, run_title, smallest_self_collision
 from robots.description import RobotDescription
 from robots.messages import Array
+from safety.obstacles import Obstacle
 from sims.rendering import Camera, RobotRenderer, rendering_problem, video_problem, write_video
+from sims.shapes import Shape
 
 Picture = NDArray[np.uint8]
 
@@ -23,6 +25,9 @@ RAMP = np.array([(0.97, 0.50, 0.08), (0.95, 0.80, 0.30), (0.36, 0.70, 0.60), (0.
 """Orange, yellow, green, blue: at contact, and at one, two and three thirds of ``FAR``."""
 INSIDE = (0.88, 0.09, 0.11)
 NEUTRAL = (0.58, 0.64, 0.72)
+
+PLATE = (1.0, 1.0, 0.005)
+"""Half sizes of what stands for a half-space [m]."""
 
 WALKING_DISTANCE = 0.3
 """The camera follows a base that moves further than this [m]; otherwise it stands still."""
@@ -34,8 +39,8 @@ CAPTION_BACK, CAPTION_INK, CAPTION_SAFE, CAPTION_UNSAFE = "#1f2933", "#f5f7fa", 
 def barrier_colours(robot: RobotDescription, h_pairs: Array) -> Array:
     """Colour of each collision body by the smallest barrier among its pairs.
 
-    Blue from 5 cm on, over green and yellow to orange at contact, and red at once when inside. A body in no pair is
-    grey; a barrier that is not a number counts as inside.
+    The colours are those of :func:`distance_colours`. A body in no pair is grey; a barrier that is not a number counts
+    as inside.
 
     Args:
         robot: the robot.
@@ -50,12 +55,47 @@ def barrier_colours(robot: RobotDescription, h_pairs: Array) -> Array:
     for pair, h in zip(robot.self_collision_pairs, values, strict=True):
         for name in pair:
             smallest[index[name]] = min(smallest[index[name]], h)
-    stops = np.linspace(0.0, FAR, len(RAMP))
-    colours = np.stack([np.interp(smallest, stops, RAMP[:, k]) for k in range(3)], axis=1)
-    colours[smallest < 0] = INSIDE
+    colours = distance_colours(smallest)
     paired = {name for pair in robot.self_collision_pairs for name in pair}
     colours[[i for name, i in index.items() if name not in paired]] = NEUTRAL
     return colours
+
+
+def distance_colours(distances: Array) -> Array:
+    """Colours (n, 3) of bodies whose nearest neighbours are at ``distances`` (n,) [m].
+
+    Blue from 5 cm on, over green and yellow to orange at contact, and red at once when inside.
+    """
+    stops = np.linspace(0.0, FAR, len(RAMP))
+    colours = np.stack([np.interp(distances, stops, RAMP[:, k]) for k in range(3)], axis=1)
+    colours[distances < 0] = INSIDE
+    return colours
+
+
+def obstacle_shapes(obstacles: Sequence[Obstacle]) -> list[Shape]:
+    """What a picture shows of obstacles; a half-space is a thin plate of 2 m about its point."""
+    return [_obstacle_shape(o) for o in obstacles]
+
+
+def _obstacle_shape(obstacle: Obstacle) -> Shape:
+    if obstacle.kind == "box":
+        return Shape("box", tuple(obstacle.half_sizes.tolist()), obstacle.position, obstacle.rotation)
+    length = float(np.linalg.norm(obstacle.direction))
+    if obstacle.kind == "sphere" or (obstacle.kind == "capsule" and length == 0):
+        return Shape("sphere", (obstacle.radius,), obstacle.position)
+    along = rotation_to(obstacle.direction / length)
+    if obstacle.kind == "capsule":
+        middle = obstacle.position + 0.5 * obstacle.direction
+        return Shape("capsule", (obstacle.radius, 0.5 * length), middle, along)
+    return Shape("box", PLATE, obstacle.position - PLATE[2] * obstacle.direction, along)
+
+
+def rotation_to(z: Array) -> Array:
+    """A rotation (3, 3) whose z axis is the unit vector ``z`` (3,)."""
+    helper = np.eye(3)[int(np.argmin(np.abs(z)))]
+    x = np.cross(helper, z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=1)
 
 
 def key_frames(result: RunResult, n: int = 4) -> list[tuple[float, bytes]]:

@@ -7,8 +7,11 @@ from typing import Any
 import numpy as np
 from scipy.spatial import ConvexHull
 
+from controllers.config import ControllerConfig
 from experiments.loop import LoopOutcome
+from experiments.results import GUARANTEED, family_minima
 from robots.messages import Array, Mask
+from safety.guarantee import promises
 
 PACKAGES = ("safewbc", "pin", "mujoco", "daqp", "proxsuite", "numpy", "scipy", "numba", "filterpy")
 
@@ -59,10 +62,57 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
         "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
         "filtered_fraction": _share(status > 0, running),
         "relaxed_fraction": _share(status == 2, running),
+        **_steps(series["v_safe"][running]),
         "tick_ms_median": float(np.median(series["tick_ms"])),
         "tick_ms_p99": float(np.percentile(series["tick_ms"], 99)),
     }
     return out | _hand_figures(series)
+
+
+def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_pairs: int) -> dict[str, Any]:
+    """How far the robot was from the filter's velocity, and what the filter's condition promised in spite of it.
+
+    Args:
+        series: recorded.
+        control: names the filter and its parameters.
+        leg_pairs: number of pairs of legs.
+
+    Returns:
+        Figures of the disturbance, the bounds on self-collision of arms, torso and head, the margin left in each family
+        (smallest h less its running bound), and whether every family's bound was kept. That of obstacles does not
+        count: what errs there is also the estimate of where they are.
+    """
+    disturbance = series["disturbance"][np.isfinite(series["disturbance"])]
+    largest = _largest(disturbance)
+    rows = int(series["h_self_collision"].shape[1]) > leg_pairs
+    promise = promises(control.filter, control.safety.parameters()).get("self_collision") if rows else None
+    bound = None
+    if promise is not None and largest is not None:
+        bound = promise.bound(largest, float(series["gradient"][:, GUARANTEED.index("self_collision")].max()))
+    gap = family_minima(series, leg_pairs) - series["h_bound"]
+    margins = {family: _smallest(g[np.isfinite(g)]) for family, g in zip(GUARANTEED, gap.T, strict=True)}
+    own = [m for family, m in margins.items() if family != "obstacle" and m is not None]
+    running = series["h_bound"][:, GUARANTEED.index("self_collision")]
+    return {
+        "disturbance_max": largest,
+        "disturbance_rms": float(np.sqrt(np.mean(disturbance**2))) if disturbance.size else None,
+        "bound_m": bound,
+        "bound_running_min_m": _smallest(running[np.isfinite(running)]),
+        "row_bound_min_m": _smallest(series["h_row_bound"][np.isfinite(series["h_row_bound"])]),
+        "bound_held": all(m >= 0 for m in own) if own else None,
+    } | {f"margin_{family}_{'rad' if family == 'joint_limit' else 'm'}": m for family, m in margins.items()}
+
+
+def _steps(v: Array) -> dict[str, float | None]:
+    """How much a velocity command (T, nv) changes from tick to tick."""
+    change = np.diff(v, axis=0)
+    if not change.size:
+        return {"command_step_rms": None, "command_step_max": None}
+    return {"command_step_rms": float(np.sqrt(np.mean(change**2))), "command_step_max": float(np.abs(change).max())}
+
+
+def _largest(values: Array) -> float | None:
+    return float(values.max()) if values.size else None
 
 
 def _smallest(values: Array) -> float | None:

@@ -37,7 +37,7 @@ class FilterOptions:
     """The safety filter."""
 
     filter: str = "issf"
-    """Safety filter: none, cbf or issf."""
+    """Safety filter: none, cbf, issf, ecbf, ssa, rssa, pssa, sss, pfm or sma (docs/safety.md)."""
     alpha: float | None = None
     """Slope of the self-collision condition of arms, torso and head; the robot's own tuning if not given. The other
     families (legs, joint limits, obstacles, workspace) are set in the description's [tuning.safety] [1/s]."""
@@ -99,8 +99,37 @@ class HandTrackingOptions(RunOptions):
     """Only with --obstacle: how often its position is measured; its velocity comes from a Kalman filter [Hz]."""
     obstacle_noise: float = 0.005
     """Only with --obstacle: standard deviation of each measured coordinate [m]."""
+    obstacle_velocity: str = "estimated"
+    """Only with --obstacle: what the filter is told of its velocity: estimated, zero or true, to compare."""
+    obstacle_kappa: float = 0.0
+    """Only with --obstacle: by how many standard deviations of its estimated position it is taken as larger [-]."""
     obstacle_lost_at: float | None = None
     """Only with --obstacle: it is not seen any more from this time on, to see the controlled stop [s]."""
+
+
+@dataclass(frozen=True)
+class CorridorOptions:
+    """Filters side by side where conditions conflict: boards close about a hand, a sphere comes to the elbow.
+
+    A G1 on a fixed base, moved by velocities at 100 Hz: it does exactly what the filter says.
+    """
+
+    filters: tuple[str, ...] = ("ssa-naive", "ssa", "rssa", "pssa", "cbf", "issf")
+    """Filters to run: ssa-naive (passes the nominal velocity on where it has no solution), none, cbf, issf, ssa, rssa,
+    pssa, sss, pfm, sma."""
+    duration: float = 12.0
+    """Simulated time; the scene takes 12 s [s]."""
+    seed: int | None = None
+    """Moves goals and sphere by some millimetres; without it everything is where it was designed to be [-]."""
+    weight: float = 10.0
+    """Weight Q_s of the squared violations in r-SSA [rad^2/m^2]."""
+    gap: float = 0.14
+    """Distance of the boards once they have closed; the hand's sphere takes 0.10 m of it, and needs 0.20 m to keep
+    5 cm to either board [m]."""
+    out: Path | None = None
+    """Folder of the results; runs/corridor-<time> if not given."""
+    report: bool = True
+    """Write report.html."""
 
 
 @dataclass(frozen=True)
@@ -118,18 +147,25 @@ class DemoOptions:
 
 @dataclass(frozen=True)
 class BenchOptions:
-    """Measure, and print the figures. tick: one control tick, stage by stage, over a recorded run of each robot."""
+    """Measure, and print the figures.
 
-    what: tyro.conf.Positional[Literal["tick"]]
+    tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
+    same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
+    conditions can be met and where they cannot.
+    """
+
+    what: tyro.conf.Positional[Literal["tick", "filters"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
-    ticks: int = 5000
-    """Ticks to measure, at least 100 [-]."""
+    """Only with tick: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
+    ticks: int | None = None
+    """Ticks to measure, at least 100 of tick (5000 if not given), 10 of filters (300 of each size if not given) [-]."""
     filter: str = "issf"
-    """Safety filter: none, cbf or issf."""
+    """Only with tick: safety filter, as for the runs."""
+    filters: tuple[str, ...] | None = None
+    """Only with filters: which ones; all if not given."""
     solver: str = "daqp"
-    """QP solver of DynWBC: daqp or proxqp."""
+    """Only with tick: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
     """Write the figures as JSON to this file too."""
 

@@ -12,7 +12,15 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import ScalarFormatter
 from numpy.typing import NDArray
 
-from experiments.results import FILTER_STATUSES, RunResult, filter_title, run_title, smallest_self_collision
+from experiments.results import (
+    FILTER_STATUSES,
+    GUARANTEED,
+    RunResult,
+    family_minima,
+    filter_title,
+    run_title,
+    smallest_self_collision,
+)
 from robots.description import RobotDescription
 from robots.messages import Array
 
@@ -21,7 +29,7 @@ WIDTH = 9.6
 INK, GRID, UNSAFE = "#3a4450", "#e3e7ec", "#c62828"
 UNFILTERED = "#d1495b"
 FILTERED = ("#2368b0", "#2f9e6e", "#e08e1b", "#7a56a8", "#12888f", "#a0522d", "#5c6b7a", "#b83b8a")
-STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#6b7280")
+STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#7b1fa2", "#6b7280")
 CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
 LINE_STYLES = ("-", "--", ":", "-.")
@@ -55,6 +63,36 @@ def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
         _shade_unsafe(axis)
         axis.set_ylabel("distance [mm]")
     return _finish(figure, axes[-2:], shown)
+
+
+def guarantee_plot(results: Sequence[RunResult]) -> bytes | None:
+    """Smallest self-collision barrier, legs apart, with the bounds that the condition promises [mm]; |d| below.
+
+    ``None`` where no run has a condition that promises one.
+    """
+    column = GUARANTEED.index("self_collision")
+    shown = [r for r in results if "h_bound" in r.series and np.isfinite(r.series["h_bound"][:, column]).any()]
+    if not shown:
+        return None
+    figure, axes = _figure(2, 1, 5.0, sharex=True)
+    for result, colour in _coloured(shown):
+        series = result.series
+        time, h = series["step_time"], family_minima(series, len(result.robot.leg_pairs))[:, column]
+        axes[0].plot(time, 1e3 * h, color=colour)
+        axes[0].plot(time, 1e3 * series["h_row_bound"], ":", color=colour, lw=1.0)
+        axes[0].plot(time, 1e3 * series["h_bound"][:, column], "--", color=colour, lw=1.0)
+        axes[1].plot(time, series["disturbance"], color=colour)
+    styles = {"solid": "smallest h", "dotted": "bound of the closest pair", "dashed": "bound from |d|"}
+    lines = [Line2D([], [], ls=style, color=INK, lw=1.0, label=label) for style, label in styles.items()]
+    axes[0].legend(handles=lines, loc="upper right", ncols=3)
+    _shade_unsafe(axes[0])
+    low, high = axes[0].get_ylim()
+    axes[0].set_ylim(low, high + 0.2 * (high - low))  # the legend has the room above to itself
+    axes[0].set_title("arms, torso and head")
+    axes[0].set_ylabel("distance [mm]")
+    axes[1].set_ylabel("|d| [m/s, rad/s]")
+    axes[1].set_ylim(bottom=0.0)
+    return _finish(figure, axes[-1:], shown)
 
 
 def obstacle_plot(results: Sequence[RunResult]) -> bytes | None:
@@ -203,7 +241,7 @@ def filter_plot(results: Sequence[RunResult]) -> bytes | None:
     lower.set_ylim(len(shown) - 0.5, -0.5)
     for name, colour in zip(FILTER_STATUSES, STATUS_COLOURS, strict=True):
         upper.fill_between([], [], color=colour, label=name)
-    upper.legend(loc="upper right", ncols=5)
+    upper.legend(loc="upper right", ncols=6)
     _style([upper, lower])
     lower.grid(False)
     return _finish(figure, [lower], shown)

@@ -17,11 +17,15 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array
+from safety.rows import FAMILIES
 
-FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed", "stopped")
+FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed", "unsafe", "stopped")
 """Names of the numbers in the series ``filter_status``; stopped: the filter was not asked any more."""
 
 STOPPED = FILTER_STATUSES.index("stopped")
+
+GUARANTEED = FAMILIES[:-1]
+"""Constraint families whose barriers are recorded, in the order of the columns of ``gradient`` and ``h_bound``."""
 
 FILTER_TITLES = {"none": "no filter", "cbf": "CBF", "issf": "ISSf-CBF"}
 """Filters as a reader knows them."""
@@ -45,7 +49,9 @@ class RunResult:
     Per plant step (P of them): ``step_time`` (P,) [s]; ``h_self_collision`` (P, n_pairs), in the order of
     ``robot.self_collision_pairs`` [m]; ``h_joint_limit`` (P,), smallest [rad]; ``h_workspace`` (P, n_bounds) [m];
     ``h_self_reference`` (P,), smallest of the reference motion [m], optional; ``h_obstacle`` (P,) [m],
-    infinite without an obstacle.
+    infinite without an obstacle; ``disturbance`` (P,), size of v - v_safe [m/s, rad/s]; ``gradient`` and ``h_bound``
+    (P, 5), by family of ``GUARANTEED``: longest Jacobian row, and the bound on h that the condition promises, NaN
+    without one; ``h_row_bound`` (P,) [m], bound of the closest pair by its own Jacobian row.
 
     Attributes:
         robot: the robot that ran.
@@ -133,6 +139,29 @@ def smallest_self_collision(result: RunResult) -> Array:
     """Smallest self-collision barrier at each plant step, shape (P,) [m]; infinite for a robot without pairs."""
     h = result.series["h_self_collision"]
     return np.min(h, axis=1, initial=np.inf).astype(float)
+
+
+def family_minima(series: Mapping[str, NDArray[Any]], leg_pairs: int) -> Array:
+    """Smallest barrier of each family of ``GUARANTEED`` at each plant step.
+
+    Args:
+        series: of a run.
+        leg_pairs: number of pairs of legs: the last columns of ``h_self_collision``.
+
+    Returns:
+        Shape (P, 5) [rad for joint limits, else m]; infinite for a family without rows.
+    """
+    pairs = series["h_self_collision"]
+    arms = pairs.shape[1] - leg_pairs
+    columns = {
+        "joint_limit": series["h_joint_limit"],
+        "self_collision": pairs[:, :arms].min(axis=1, initial=np.inf),
+        "leg_collision": pairs[:, arms:].min(axis=1, initial=np.inf),
+        "obstacle": series["h_obstacle"],
+        "workspace": series["h_workspace"].min(axis=1, initial=np.inf),
+    }
+    out: Array = np.column_stack([columns[family] for family in GUARANTEED]).astype(float)
+    return out
 
 
 def setting(config: Mapping[str, Any], name: str) -> Any:

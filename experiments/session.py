@@ -14,7 +14,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
 from experiments.encounter import SensorSettings, passing_sphere
 from experiments.loop import ClosedLoop
-from experiments.metrics import convex_polygon, summarise, versions
+from experiments.metrics import convex_polygon, guarantee_figures, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
 from experiments.results import RunResult
 from robots.checks import require_between, require_non_negative
@@ -145,8 +145,8 @@ def run(
     plant = MujocoPlant(robot, plant_settings, np.random.default_rng(options.seed))
     q0 = standing_configuration(robot, posture)
     plant.reset(q0)
-    count = 0 if obstacle is None else 1
-    supervisor = Supervisor(WholeBodyController(robot, control, hands is not None, obstacle_count=count))
+    kinds = () if obstacle is None else ("sphere",)
+    supervisor = Supervisor(WholeBodyController(robot, control, hands is not None, obstacle_kinds=kinds))
     kin = supervisor.controller.kin
     kin.update(q0, np.zeros(kin.nv))
     reference = reference_here(kin, with_hands=hands is not None)
@@ -177,7 +177,9 @@ def run(
         "stop_cause": supervisor.cause,
         "stop_time_s": supervisor.stopped_at if supervisor.cause else None,
     }
-    summary = head | summarise(series, outcome) | {"versions": versions()}
+    promised = guarantee_figures(series, control, len(robot.leg_pairs))
+    measured = summarise(series, outcome) | {"first_relaxed": loop.first_relaxed} | promised
+    summary = head | measured | {"versions": versions()}
     return RunResult(robot, resolved_config(experiment, options, control, plant_settings), summary, series)
 
 

@@ -15,7 +15,7 @@ from safety.obstacles import Obstacle
 def warm_up(console: Console, robot: RobotDescription) -> None:
     """Run one tick of the controller, which compiles every kernel; later runs find them in numba's cache."""
     with console.status("preparing (the first run compiles its kernels, which takes some 10 seconds)"):
-        controller = WholeBodyController(robot, controller_config(robot), with_hands=True, obstacle_count=1)
+        controller = WholeBodyController(robot, controller_config(robot), with_hands=True, obstacle_kinds=("sphere",))
         q = standing_configuration(robot)
         kin = controller.kin
         kin.update(q, np.zeros(kin.nv))

@@ -7,9 +7,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers.config import ControllerConfig, FilterTuning
 from experiments.loop import LoopOutcome
-from experiments.metrics import CONFLICT_MARGIN, PACKAGES, convex_polygon, inside_polygon, summarise, versions
+from experiments.metrics import (
+    CONFLICT_MARGIN,
+    PACKAGES,
+    convex_polygon,
+    guarantee_figures,
+    inside_polygon,
+    summarise,
+    versions,
+)
 from robots.messages import Array
+from safety.conditions import FamilyParameters
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 
@@ -213,3 +223,78 @@ def test_versions_name_everything_a_run_depends_on() -> None:
     told = versions()
     assert set(told) == {"python", *PACKAGES}
     assert all(told[name][0].isdigit() for name in told)
+
+
+# --- guarantee
+
+
+def promised(condition: str = "issf", leg_pairs: int = 1, **changes: Any) -> dict[str, Any]:
+    """Figures of a run with alpha 5 and epsilon 2: two pairs of arms and one of legs, all well above their bounds."""
+    steps = 20
+    series = recorded(
+        disturbance=np.linspace(0.0, 0.4, steps),
+        gradient=np.full((steps, 5), 0.3),
+        h_bound=np.full((steps, 5), -0.01),
+        h_row_bound=np.full(steps, 0.004),
+    )
+    tuning = FilterTuning(self_collision=FamilyParameters(alpha=5.0, epsilon=2.0))
+    return guarantee_figures(series | changes, ControllerConfig(filter=condition, safety=tuning), leg_pairs)
+
+
+def test_bounds_are_those_of_the_largest_disturbance() -> None:
+    out = promised()
+    assert out["disturbance_max"] == 0.4
+    assert out["disturbance_rms"] == pytest.approx(np.sqrt(np.mean(np.linspace(0.0, 0.4, 20) ** 2)))
+    assert out["bound_m"] == pytest.approx(-2.0 * 0.4**2 / (4 * 5.0))
+    gradient = np.full((20, 5), 0.9)
+    gradient[:, 1], gradient[7, 1] = 0.1, 0.3
+    assert promised("cbf", gradient=gradient)["bound_m"] == pytest.approx(-0.3 * 0.4 / 5.0)
+    assert (out["bound_running_min_m"], out["row_bound_min_m"]) == (-0.01, 0.004)
+
+
+def test_margins_are_of_each_family_at_the_same_instant() -> None:
+    bound = np.tile([-0.1, -0.2, -0.3, np.nan, -0.4], (20, 1))
+    h = np.full((20, 3), 1.0)
+    h[4, 1], h[5, 2] = -0.15, 0.1
+    bound[9, 1] = 0.96  # nearer than the smallest h is to the smallest bound
+    out = promised(h_bound=bound, h_self_collision=h)
+    margins = {key: value for key, value in out.items() if key.startswith("margin")}
+    assert margins == {
+        "margin_joint_limit_rad": pytest.approx(0.3),
+        "margin_self_collision_m": pytest.approx(0.04),
+        "margin_leg_collision_m": pytest.approx(0.4),
+        "margin_obstacle_m": None,
+        "margin_workspace_m": pytest.approx(0.7),
+    }
+    assert out["bound_held"] is True
+    h[4, 1] = -0.21
+    assert promised(h_bound=bound, h_self_collision=h)["bound_held"] is False
+
+
+def test_the_bound_of_an_obstacle_is_no_promise() -> None:
+    h = np.full(20, 0.1)
+    h[11] = -0.03
+    out = promised(h_obstacle=h)
+    assert out["margin_obstacle_m"] == pytest.approx(-0.02)
+    assert out["bound_held"] is True
+
+
+def test_steps_after_a_stop_do_not_count() -> None:
+    disturbance, bound, row = np.full(20, 0.2), np.full((20, 5), -0.01), np.full(20, 0.004)
+    h = np.full((20, 3), 0.1)
+    disturbance[10:], bound[10:], row[10:], h[15:] = np.nan, np.nan, np.nan, -0.5
+    out = promised(disturbance=disturbance, h_bound=bound, h_row_bound=row, h_self_collision=h)
+    assert (out["disturbance_max"], out["bound_held"], out["row_bound_min_m"]) == (0.2, True, 0.004)
+    assert out["margin_self_collision_m"] == pytest.approx(0.11)
+
+
+def test_where_nothing_is_promised_only_the_disturbance_is_told() -> None:
+    nothing = {"h_bound": np.full((20, 5), np.nan), "h_row_bound": np.full(20, np.nan)}
+    free = promised("none", **nothing)
+    assert free.pop("disturbance_max") == 0.4
+    assert free.pop("disturbance_rms") > 0
+    assert set(free.values()) == {None}
+    never_ran = promised(disturbance=np.full(20, np.nan), **nothing)
+    assert set(never_ran.values()) == {None}
+    # only pairs of legs: no bound on those of arms
+    assert promised(leg_pairs=3)["bound_m"] is None

@@ -1,6 +1,7 @@
 """docs/output.md names every file, figure and array of a run, with the shapes and orders that a run has."""
 
 import json
+import math
 import re
 from pathlib import Path
 
@@ -100,9 +101,49 @@ def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: RunResult)
     kin.update_geometry(hands.series["q"][-1])
     bodies = CollisionBodies(kin)
     barrier = SelfCollisionBarrier("self_collision", bodies, robot.self_collision_pairs)
-    h = BarrierSet(kin, bodies, [barrier]).evaluate(kin).h
+    barriers = BarrierSet(kin, bodies, [barrier])
+    h = barriers.evaluate(kin).h[barriers.primary["self_collision"]]
     step = int(np.searchsorted(hands.series["step_time"], hands.series["time"][-1] - 1e-9))
     np.testing.assert_allclose(hands.series["h_self_collision"][step], h, rtol=1e-6, atol=1e-9)
+
+
+def test_the_disturbance_is_the_true_velocity_less_the_filtered_one(hands: RunResult) -> None:
+    """At the last step before each tick the true velocity is known from the tick's own series."""
+    series = hands.series
+    size = np.linalg.norm(series["v"][1:] - series["v_safe"][:-1], axis=1)
+    np.testing.assert_allclose(series["disturbance"][1:-1:2], size, rtol=1e-12)
+    assert hands.summary["disturbance_max"] == series["disturbance"].max()
+
+
+def test_running_bounds_solve_the_equation_of_the_page(hands: RunResult) -> None:
+    safety = hands.config["controller"]["safety"]
+    for column, family in enumerate(("joint_limit", "self_collision", "leg_collision", "obstacle", "workspace")):
+        alpha, epsilon = safety[family]["alpha"], safety[family]["epsilon"]
+        bound = hands.series["h_bound"][:, column]
+        assert bound[0] == 0.0
+        # constant forcing over a step of 1 ms: the exponential by its series
+        settled = -epsilon * hands.series["disturbance"][1:] ** 2 / (4 * alpha)
+        step = sum((-1) ** (k + 1) * (alpha * 0.001) ** k / math.factorial(k) for k in range(1, 6))
+        np.testing.assert_allclose(np.diff(bound), step * (settled - bound[:-1]), rtol=1e-9, atol=1e-15)
+    assert hands.summary["bound_held"] is True
+
+
+def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(hands: RunResult) -> None:
+    robot, series = hands.robot, hands.series
+    kin = Kinematics(robot)
+    bodies = CollisionBodies(kin)
+    arms = [pair for pair in robot.self_collision_pairs if pair not in robot.leg_pairs]
+    rows = BarrierSet(kin, bodies, [SelfCollisionBarrier("self_collision", bodies, arms)])
+    kin.update_geometry(series["q"][-1])
+    jac = rows.evaluate(kin).jac[rows.primary["self_collision"]]
+    step = 2 * len(series["time"]) - 3
+    assert series["gradient"][step, 1] == pytest.approx(np.linalg.norm(jac, axis=1).max(), rel=1e-12)
+    assert series["gradient"][:, 0] == pytest.approx(1.0, rel=1e-15)
+    # while no condition is active h has room above its row's bound, from which both start
+    h = series["h_self_collision"][:, : len(arms)].min(axis=1)
+    assert series["h_row_bound"][0] == pytest.approx(h[0], rel=1e-7)
+    assert (series["h_row_bound"][1:] < h[1:]).all()
+    assert (series["h_row_bound"] > series["h_bound"][:, 1]).all()
 
 
 def test_the_example_of_the_page_finds_the_barrier_by_name(

@@ -17,7 +17,9 @@ from experiments.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_f
 from experiments.plots import joint_groups
 from experiments.report import verdict, write_report
 from experiments.results import (
+    GUARANTEED,
     RunResult,
+    family_minima,
     filter_title,
     load_result,
     prepare_folder,
@@ -65,6 +67,11 @@ def make_result(robot: str = "g1", ticks: int = 40, hands: bool = True, **config
         "h_self_collision": h,
         "h_joint_limit": np.full(steps, 0.2),
         "h_workspace": np.full((steps, len(made.workspace)), 0.05),
+        "h_obstacle": np.full(steps, np.inf),
+        "disturbance": np.full(steps, 0.4),
+        "gradient": np.full((steps, 5), 0.3),
+        "h_bound": np.full((steps, 5), np.nan if config.get("filter") == "none" else -0.016),
+        "h_row_bound": np.full(steps, np.nan if config.get("filter") == "none" else 0.002),
         "h_self_reference": np.full(steps, -0.02),
     }
     if hands:
@@ -317,6 +324,21 @@ def test_every_run_has_its_own_colour() -> None:
     assert len(set(colours)) == len(results)
 
 
+def test_bounds_are_drawn_only_where_something_is_promised() -> None:
+    free, filtered = make_result(filter="none"), make_result()
+    assert plots.guarantee_plot([free]) is None
+    assert plots.guarantee_plot([make_result(ticks=0)]) is None
+    alone = plots.guarantee_plot([filtered])
+    assert alone is not None
+    assert plots.guarantee_plot([free, filtered]) == alone
+    stopped = {k: filtered.series[k].copy() for k in ("h_bound", "h_row_bound", "disturbance")}
+    for values in stopped.values():
+        values[30:] = np.nan
+    assert plots.guarantee_plot([with_series(filtered, **stopped)]) not in {None, alone}
+    before = {k: v for k, v in filtered.series.items() if k not in stopped}
+    assert plots.guarantee_plot([RunResult(filtered.robot, filtered.config, filtered.summary, before)]) is None
+
+
 # --- report
 
 
@@ -334,8 +356,8 @@ def test_the_report_needs_nothing_else(pair: list[RunResult], tmp_path: Path) ->
     assert "@import" not in text
     assert len(text) < 3_000_000
     assert page.headings == [
-        "Outcome", "Figures", "Film", "Pictures", "Distances", "Limits", "Hands", "Balance", "Centre of mass", "Filter",
-        "Torques", "Computing time",
+        "Outcome", "Figures", "Film", "Pictures", "Distances", "Guarantee", "Limits", "Hands", "Balance",
+        "Centre of mass", "Filter", "Torques", "Computing time",
     ]  # fmt: skip
     assert "no filter" in page.words
     assert "ISSf-CBF, mass +20 %" in page.words
@@ -350,8 +372,8 @@ def test_a_short_run_without_hands_is_reported(robot: str, tmp_path: Path) -> No
     assert "Hands" not in page.headings
     assert "Pictures" not in page.headings
     assert "Film" not in page.headings
-    assert {"Distances", "Balance", "Torques"} <= set(page.headings)
-    assert page.tags.count("img") == 7
+    assert {"Distances", "Guarantee", "Balance", "Torques"} <= set(page.headings)
+    assert page.tags.count("img") == 8
 
 
 @pytest.mark.parametrize("ticks", [0, 1])
@@ -418,5 +440,37 @@ def test_the_verdict_tells_other_violations_and_filter_trouble() -> None:
     text = sentences(with_series(result, h_joint_limit=limit, h_workspace=reach, filter_status=status), good=False)
     assert "a joint went past its limit by 2°" in text
     assert f"{result.robot.workspace[0].name.replace('_', ' ')} went beyond its bound by 12 mm" in text
-    assert "relax its constraints in 2 ticks" in text
+    assert "relax its conditions in 2 ticks" in text
     assert "failed in 1 tick" in text
+
+
+def test_the_verdict_tells_broken_bounds() -> None:
+    result = make_result()
+    margins = {"margin_joint_limit_rad": np.radians(-1.5), "margin_leg_collision_m": -0.012, "margin_workspace_m": 0.1}
+    missing = {"margin_self_collision_m": None, "margin_obstacle_m": -0.3}
+
+    def told(held: bool | None) -> str:
+        summary = {**result.summary, **margins, **missing, "bound_held": held}
+        return sentences(RunResult(result.robot, result.config, summary, result.series), good=False)
+
+    assert told(False) == (
+        "the joint limit barrier fell below its guaranteed bound by 1.5°; "
+        "the leg collision barrier fell below its guaranteed bound by 12 mm"
+    )
+    assert told(True) == told(None) == ""
+
+
+def test_smallest_barriers_are_taken_family_by_family() -> None:
+    result = make_result(ticks=3)
+    legs = len(result.robot.leg_pairs)
+    h = np.full_like(result.series["h_self_collision"], 0.5)
+    h[1, 0], h[2, -1], h[3, -legs - 1], h[4, -legs] = 0.1, 0.2, 0.3, 0.4
+    found = family_minima({**result.series, "h_self_collision": h}, legs)
+    columns = dict(zip(GUARANTEED, found.T, strict=True))
+    np.testing.assert_array_equal(columns["self_collision"], np.float32([0.5, 0.1, 0.5, 0.3, 0.5, 0.5]))
+    np.testing.assert_array_equal(columns["leg_collision"], np.float32([0.5, 0.5, 0.2, 0.5, 0.4, 0.5]))
+    np.testing.assert_array_equal(columns["joint_limit"], result.series["h_joint_limit"])
+    np.testing.assert_array_equal(columns["workspace"], result.series["h_workspace"].min(axis=1))
+    assert np.isinf(columns["obstacle"]).all()
+    none = {**result.series, "h_self_collision": h[:, :0], "h_workspace": np.zeros((6, 0))}
+    assert np.isinf(family_minima(none, 0)[:, 1:]).all()

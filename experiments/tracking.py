@@ -1,0 +1,334 @@
+"""How well moving obstacles are tracked, and what the estimated velocity is worth to the safety filter."""
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from controllers.config import controller_config
+from controllers.perception import VELOCITIES, SphereTracker
+from experiments.console import make_console
+from experiments.encounter import AHEAD, DISTANCE, RADIUS
+from experiments.figures import Figure
+from robots.checks import require_one_of
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import Array
+from robots.pinocchio_model import upper_body_joints
+from safety.barriers import ObstacleBarrier, standard_barriers
+from safety.filters import SafetyFilter
+from safety.obstacles import Obstacle
+from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
+from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PassingSphere, PositionSensor, StopAndGo
+
+TICK = 0.002
+"""Interval at which the tracks are asked, and that of the filter's closed loop [s]."""
+
+NOISE = 0.005
+"""Standard deviation of each measured coordinate [m]."""
+
+RATES = (30.0, 60.0, 100.0)
+"""Rates of the sensor [Hz]."""
+
+SETTLED = 1.0
+"""Time from which the estimate counts [s]."""
+
+MAX_LAG = 0.3
+"""Largest lag that is looked for [s]."""
+
+SPEEDS = (0.25, 0.5, 1.0)
+"""Speeds of the crossing obstacle [m/s]."""
+
+PASSED = 0.5
+"""How far beyond the left hand the crossing obstacle is followed [m]: past the right one."""
+
+RETURN = 2.0
+"""Rate at which the nominal velocity of the closed loop returns to the posture [1/s]."""
+
+KNOWLEDGE = (*VELOCITIES[::-1], "true")
+"""What the filter is told of the obstacle's velocity."""
+
+TRACKING = (
+    Figure("motion", "motion"),
+    Figure("rate_hz", "rate", "Hz"),
+    Figure("model", "constant"),
+    Figure("speed_rms", "speed", "m/s"),
+    Figure("velocity_rmse", "v error", "m/s"),
+    Figure("velocity_step", "v step", "m/s"),
+    Figure("lag_ms", "lag", "ms"),
+    Figure("raw_rmse_m", "raw", "mm", 1e3),
+    Figure("position_rmse_m", "filtered", "mm", 1e3),
+    Figure("velocity_within_3_sigma", "3 sigma", "%", 1e2),
+    Figure("nis", "NIS", "of 3"),
+    Figure("nees", "NEES", "of 6"),
+    Figure("rejected", "rejected"),
+)
+CROSSING = (
+    Figure("filter", "filter"),
+    Figure("speed", "speed", "m/s"),
+    Figure("velocity", "velocity told"),
+    Figure("clearance_mean_m", "smallest distance, mean", "mm", 1e3),
+    Figure("clearance_worst_m", "worst", "mm", 1e3),
+    Figure("acceleration_rms", "joint acceleration", "rad/s^2"),
+)
+
+
+def tracking(out: Path | None, seed: int = 0) -> int:
+    """Run both studies and print their tables; with ``out`` write ``tracking.png`` and ``tracking.json``; returns 0."""
+    console = make_console()
+    with console.status("tracking obstacles"):
+        rows = tracking_study(seed)
+    with console.status("crossing the hands"):
+        crossings = crossing_study(range(seed, seed + 5))
+    print_tracking(console, rows, crossings)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        text = json.dumps({"tracking": rows, "crossing": crossings}, indent=2)
+        (out / "tracking.json").write_text(text + "\n", encoding="utf-8")
+        (out / "tracking.png").write_bytes(tracking_plot(seed))
+        console.print(f"results: {out}")
+    return 0
+
+
+def print_tracking(console: Console, rows: Sequence[Mapping[str, Any]], crossings: Sequence[Mapping[str, Any]]) -> None:
+    """Print the rows of :func:`tracking_study` and of :func:`crossing_study` as tables."""
+    noise = f"obstacle tracks: RMS values; {1e3 * NOISE:g} mm noise; raw, filtered: error of the position"
+    crossed = "an obstacle crosses the hands of the G1 (upper body, kinematic); joint acceleration: RMS"
+    for title, columns, lines in ((noise, TRACKING, rows), (crossed, CROSSING, crossings)):
+        table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+        for column in columns:
+            # as text: square brackets round a unit are no markup
+            heading = Text(f"{column.words}\n[{column.unit}]" if column.unit else column.words)
+            table.add_column(heading, justify="left" if isinstance(lines[0][column.key], str) else "right")
+        for line in lines:
+            table.add_row(*(column.text(line[column.key]) for column in columns))
+        console.print(table)
+
+
+def study_motions(seed: int) -> dict[str, ObstacleMotion]:
+    """The motions of the study, all within a metre of the origin."""
+    corner = np.full(3, 0.5)
+    return {
+        "Brownian": BrownianMotion(-corner, corner, speed=0.2, memory=1.0, seed=seed),
+        "circular": CircularMotion(np.zeros(3), radius=0.3, speed=0.5),
+        "stop-and-go": StopAndGo(np.zeros(3), np.array([0.5, 0.2, 0.1]), going=1.0, resting=0.5),
+    }
+
+
+def tracking_study(seed: int = 0, rates: Sequence[float] = RATES, duration: float = 10.0) -> list[dict[str, Any]]:
+    """Figures of every motion, rate and model.
+
+    Args:
+        seed: of the Brownian motion and of the sensor's noise.
+        rates: of the sensor [Hz].
+        duration: of each run, above ``SETTLED`` [s].
+
+    Returns:
+        A row each; see :func:`track_figures`.
+    """
+    return [
+        {"motion": name, "rate_hz": rate, "model": model.removeprefix("constant_")}
+        | track_figures(follow(motion, rate, TrackerSettings(position_noise=NOISE, model=model), seed, duration))
+        for name, motion in study_motions(seed).items()
+        for rate in rates
+        for model in MODELS
+    ]
+
+
+def follow(
+    motion: ObstacleMotion, rate: float, settings: TrackerSettings, seed: int, duration: float
+) -> dict[str, Array]:
+    """Track one motion through a noisy sensor.
+
+    Returns:
+        By name, a row per ``TICK``: ``time`` [s]; ``true``, ``estimate`` (n, 6), position [m] and velocity [m/s];
+        ``raw`` (n, 3), the last measurement [m]; ``sigma`` (n, 6), standard deviations; ``nees``; ``nis`` and ``step``
+        (n, 3), change of the estimated velocity [m/s], both NaN where nothing was measured; ``rejected`` (n,), count.
+    """
+    track, sensor = ObstacleTrack(settings), PositionSensor(rate, NOISE, np.random.default_rng([seed, 2]))
+    rows: list[dict[str, Any]] = []
+    raw = np.full(3, np.nan)
+    for t in TICK * np.arange(round(duration / TICK)):
+        truth = np.concatenate([motion.position(t), motion.velocity(t)])
+        measured = sensor.measure(truth[:3], t)
+        step, nis = np.full(3, np.nan), np.nan
+        if measured is not None:
+            before = track.estimate(t)[1] if rows else np.zeros(3)
+            track.measure(measured, t)
+            raw, step, nis = measured, track.estimate(t)[1] - before, track.nis
+        estimate = np.concatenate(track.estimate(t))
+        covariance = track.covariance(t)[:6, :6]
+        error = estimate - truth
+        rows.append(
+            {
+                "time": t,
+                "true": truth,
+                "raw": raw,
+                "estimate": estimate,
+                "sigma": np.sqrt(np.diag(covariance)),
+                "nees": error @ np.linalg.solve(covariance, error),
+                "nis": nis,
+                "step": step,
+                "rejected": track.rejected,
+            }
+        )
+    return {key: np.array([row[key] for row in rows]) for key in rows[0]}
+
+
+def track_figures(series: Mapping[str, Array]) -> dict[str, Any]:
+    """Figures of one run of :func:`follow` from ``SETTLED`` on; lengths of vectors in the RMS values.
+
+    The raw position is the last measurement, held until the next: what a controller without a filter would use.
+    """
+    s = {key: values[series["time"] >= SETTLED] for key, values in series.items()}
+    error = s["estimate"] - s["true"]
+    within = np.abs(error) <= 3 * s["sigma"]
+    return {
+        "speed_rms": _rms(s["true"][:, 3:]),
+        "velocity_rmse": _rms(error[:, 3:]),
+        "velocity_step": _rms(s["step"][~np.isnan(s["nis"])]),
+        "lag_ms": 1e3 * lag(s["true"][:, 3:], s["estimate"][:, 3:]),
+        "raw_rmse_m": _rms(s["raw"] - s["true"][:, :3]),
+        "position_rmse_m": _rms(error[:, :3]),
+        "position_within_3_sigma": float(within[:, :3].mean()),
+        "velocity_within_3_sigma": float(within[:, 3:].mean()),
+        "nis": float(np.nanmean(s["nis"])),
+        "nees": float(s["nees"].mean()),
+        "rejected": int(series["rejected"][-1]),
+    }
+
+
+def lag(true: Array, estimate: Array) -> float:
+    """The delay [s] of ``estimate`` (n, 3) at which it correlates best with ``true`` (n, 3), a row per ``TICK``."""
+    shifts = range(min(round(MAX_LAG / TICK), len(true) // 2) + 1)
+    scores = [_correlation(true[: len(true) - k].ravel(), estimate[k:].ravel()) for k in shifts]
+    return TICK * int(np.argmax(scores))
+
+
+def _correlation(a: Array, b: Array) -> float:
+    """Pearson's, 0 where one of the two does not vary."""
+    a, b = a - a.mean(), b - b.mean()
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(a @ b) / size if size else 0.0
+
+
+def _rms(vectors: Array) -> float:
+    """Root mean square of the lengths of ``vectors`` (n, k)."""
+    return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
+
+
+class Crossing:
+    """An obstacle that crosses where the G1's hands are; the upper body follows the filtered velocity exactly.
+
+    Args:
+        name: of the filter.
+        speed: of the obstacle, above 0 [m/s].
+        velocity: what the filter is told of the obstacle's velocity, one of ``KNOWLEDGE``. Where the obstacle is comes
+            from the track in every case.
+        seed: of the sensor's noise.
+        settings: of the track.
+
+    Raises:
+        ConfigError: no such filter or knowledge.
+    """
+
+    def __init__(
+        self, name: str, speed: float, velocity: str, seed: int, settings: TrackerSettings | None = None
+    ) -> None:
+        require_one_of("velocity", velocity, KNOWLEDGE)
+        robot = load_robot("g1")
+        self._kin = Kinematics(robot, base="fixed", joints=upper_body_joints(robot), posture="hands_front")
+        self._home = self._kin.posture("hands_front")
+        self._kin.update_geometry(self._home)
+        hand = self._kin.frame_placement(self._kin.frame_id(robot.roles["left_hand"]))[1]
+        self._sphere = PassingSphere(hand + np.array([AHEAD, DISTANCE, 0.0]), np.array([0.0, -speed, 0.0]), RADIUS)
+        self._duration = (DISTANCE + PASSED) / speed
+        self._sensor = PositionSensor(60.0, NOISE, np.random.default_rng([seed, 3]))
+        told = "zero" if velocity == "zero" else "estimated"
+        self._tracker = SphereTracker([RADIUS], settings or TrackerSettings(position_noise=NOISE), velocity=told)
+        self._told_truth = velocity == "true"
+        self._barriers = standard_barriers(self._kin, ("sphere",))
+        self._obstacles = next(b for b in self._barriers.barriers if isinstance(b, ObstacleBarrier))
+        tuning = controller_config(robot).safety
+        v_max = tuning.velocity_scale * self._kin.joint_array("velocity")
+        self._filter = SafetyFilter(name, self._barriers.size, tuning.parameters(), v_max)
+
+    def run(self) -> tuple[float, float]:
+        """Smallest true distance of the obstacle [m], and the RMS length of the joints' acceleration [rad/s^2]."""
+        q, v, smallest, squared = self._home, np.zeros(self._kin.nv), np.inf, 0.0
+        times = TICK * np.arange(round(self._duration / TICK))
+        for t in times:
+            self._kin.update_geometry(q)
+            smallest = min(smallest, self._true_distance(t))
+            self._obstacles.set_obstacles(self._believed(t))
+            last, v = v, self._filter.apply(self._barriers.evaluate(self._kin), RETURN * (self._home - q)).v
+            squared += float(np.sum((v - last) ** 2)) / TICK**2
+            q = self._kin.integrate(q, v, TICK)
+        return smallest, float(np.sqrt(squared / len(times)))
+
+    def _true_distance(self, t: float) -> float:
+        self._obstacles.set_obstacles([Obstacle.sphere(self._sphere.position(t), RADIUS)])
+        return float(self._barriers.evaluate(self._kin).h[self._barriers.slices["obstacle"]].min())
+
+    def _believed(self, t: float) -> list[Obstacle]:
+        self._tracker.observe(0, self._sensor.measure(self._sphere.position(t), t), t)
+        if self._told_truth:
+            return [Obstacle.sphere(self._tracker.tracks[0].estimate(t)[0], RADIUS, self._sphere.velocity(t))]
+        return self._tracker.obstacles(t)
+
+
+def crossing_study(
+    seeds: Sequence[int], speeds: Sequence[float] = SPEEDS, filters: Sequence[str] = ("cbf", "issf")
+) -> list[dict[str, Any]]:
+    """What the filter makes of an obstacle whose velocity it is not told, told by the track, or told truly.
+
+    Returns:
+        A row per filter, speed and knowledge: smallest true distance over time, its mean over seeds and the worst [m],
+        and the mean over seeds of the joints' RMS acceleration [rad/s^2].
+    """
+    rows = []
+    for name in filters:
+        for speed in speeds:
+            for velocity in KNOWLEDGE:
+                runs = np.array([Crossing(name, speed, velocity, seed).run() for seed in seeds])
+                figures = {
+                    "clearance_mean_m": float(runs[:, 0].mean()),
+                    "clearance_worst_m": float(runs[:, 0].min()),
+                    "acceleration_rms": float(runs[:, 1].mean()),
+                }
+                rows.append({"filter": name, "speed": speed, "velocity": velocity} | figures)
+    return rows
+
+
+def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> bytes:
+    """Estimated against true velocity of the three motions, one coordinate; a PNG."""
+    from matplotlib.figure import Figure as Drawing
+
+    from experiments.plots import DPI, FILTERED, GRID, INK, WIDTH
+
+    drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
+    axes = drawing.subplots(3, 1, sharex=True)
+    for axis, (name, motion) in zip(axes, study_motions(seed).items(), strict=True):
+        for model, colour in zip(MODELS, FILTERED, strict=False):
+            settings = TrackerSettings(position_noise=NOISE, model=model)
+            series = follow(motion, rate, settings, seed, duration)
+            axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
+        axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
+        axis.set_title(name, fontsize=9, color=INK, fontweight="bold")
+        axis.set_ylabel("velocity, x [m/s]", fontsize=8.5, color=INK)
+        axis.grid(True, color=GRID, lw=0.8)
+        axis.tick_params(colors=INK, labelsize=8, length=0)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[-1].set_xlabel("time [s]", fontsize=8.5, color=INK)
+    handles, labels = axes[0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    buffer = io.BytesIO()
+    drawing.savefig(buffer, format="png")
+    return buffer.getvalue()

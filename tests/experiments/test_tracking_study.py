@@ -1,0 +1,171 @@
+"""The tracking study: its figures against signals whose figures are known, and what the estimate is worth."""
+
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from rich.console import Console
+
+from experiments import tracking as study
+from experiments.tracking import (
+    CROSSING,
+    KNOWLEDGE,
+    NOISE,
+    TICK,
+    TRACKING,
+    Crossing,
+    crossing_study,
+    follow,
+    lag,
+    print_tracking,
+    study_motions,
+    track_figures,
+    tracking_plot,
+    tracking_study,
+)
+from robots.errors import ConfigError
+from robots.messages import Array
+from safety.tracking import MODELS, TrackerSettings
+from sims.obstacles import CircularMotion, PassingSphere
+
+
+def waves(delay: float, count: int = 2000) -> Array:
+    t = TICK * np.arange(count) - delay
+    return np.column_stack([np.sin(5 * t), np.cos(3 * t), np.sin(7 * t + 1)])
+
+
+@pytest.mark.parametrize("ticks", [0, 1, 17, 100])
+def test_lag_of_a_delayed_signal_is_its_delay(ticks: int) -> None:
+    assert lag(waves(0.0), 0.7 * waves(ticks * TICK)) == pytest.approx(ticks * TICK)
+
+
+def known_series() -> dict[str, Array]:
+    """Two seconds, of which the second counts: errors of one and two sigma in position, four in one velocity."""
+    n = round(2 / TICK)
+    true = np.hstack([waves(0.0, n), waves(0.5, n)])
+    error = np.array([0.01, -0.02, 0.0, 0.1, 0.0, -0.4])
+    measured = np.arange(n) % 5 == 0
+    nan = np.where(measured, 1.0, np.nan)
+    settled = np.arange(n) * TICK >= 1
+    return {
+        "time": np.arange(n) * TICK,
+        "true": true,
+        "estimate": true + np.where(settled[:, None], error, 9.0),
+        "raw": true[:, :3] + np.where(settled[:, None], [0.03, 0.0, 0.04], 9.0),
+        "sigma": np.tile([0.01] * 3 + [0.1] * 3, (n, 1)),
+        "nees": np.where(settled, 5.0, 99.0),
+        "nis": 3 * nan,
+        "step": np.outer(nan, [0.3, 0.0, 0.4]),
+        "rejected": np.arange(n) // 100,
+    }
+
+
+def test_figures_of_a_known_series() -> None:
+    figures = track_figures(known_series())
+    assert figures["velocity_rmse"] == pytest.approx(np.hypot(0.1, 0.4))
+    assert figures["position_rmse_m"] == pytest.approx(np.hypot(0.01, 0.02))
+    assert figures["raw_rmse_m"] == pytest.approx(0.05)
+    assert figures["velocity_step"] == pytest.approx(0.5)
+    assert figures["position_within_3_sigma"] == 1.0
+    assert figures["velocity_within_3_sigma"] == pytest.approx(2 / 3)
+    assert (figures["nees"], figures["nis"], figures["rejected"]) == (5.0, 3.0, 9)
+    assert figures["lag_ms"] == 0.0
+
+
+def test_followed_series_is_of_the_motion_and_of_the_sensor() -> None:
+    motion = CircularMotion(np.ones(3), 0.3, 0.5)
+    series = follow(motion, 50.0, TrackerSettings(position_noise=NOISE), 3, 1.5)
+    assert len(series["time"]) == round(1.5 / TICK)
+    for k in (0, 100, 700):
+        t = series["time"][k]
+        np.testing.assert_array_equal(series["true"][k], np.concatenate([motion.position(t), motion.velocity(t)]))
+    due = ~np.isnan(series["step"][:, 0])
+    assert np.flatnonzero(due).tolist() == list(range(0, 750, 10))
+    # the raw position is held from one measurement to the next
+    np.testing.assert_array_equal(series["raw"][due].repeat(10, axis=0), series["raw"])
+    # the estimated velocity is constant in between with this model, and steps by what is recorded
+    np.testing.assert_allclose(np.diff(series["estimate"][:, 3:], axis=0)[~due[1:]], 0.0, atol=1e-12)
+    jumps = np.diff(series["estimate"][:, 3:], axis=0)[due[1:]]
+    np.testing.assert_allclose(jumps, series["step"][due][1:], rtol=0, atol=1e-12)
+    error = series["estimate"][-1] - series["true"][-1]
+    assert (np.abs(error) < 5 * series["sigma"][-1]).all()
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_filtering_beats_the_last_measurement_on_steady_motion(model: str) -> None:
+    motion = PassingSphere(np.zeros(3), np.array([0.3, 0.4, 0.0]), 0.1)
+    figures = track_figures(follow(motion, 60.0, TrackerSettings(position_noise=NOISE, model=model), 0, 4.0))
+    assert figures["speed_rms"] == pytest.approx(0.5)
+    assert figures["position_rmse_m"] < 0.8 * figures["raw_rmse_m"]
+    assert figures["velocity_rmse"] < 0.25 * figures["speed_rms"]
+
+
+def test_the_study_has_a_row_for_every_case_and_repeats_itself() -> None:
+    rows = tracking_study(seed=1, rates=(60.0,), duration=1.6)
+    cases = [(row["motion"], row["rate_hz"], row["model"]) for row in rows]
+    names = ["velocity", "acceleration"]
+    assert cases == [(motion, 60.0, model) for motion in study_motions(1) for model in names]
+    assert rows == tracking_study(seed=1, rates=(60.0,), duration=1.6)
+    assert rows != tracking_study(seed=2, rates=(60.0,), duration=1.6)
+    for row in rows:
+        assert all(np.isfinite(v) for v in row.values() if not isinstance(v, str))
+        assert {column.key for column in TRACKING} <= set(row)
+
+
+@pytest.mark.parametrize("name", ["cbf", "issf"])
+def test_what_is_known_of_the_velocity_decides_on_the_distance(name: str) -> None:
+    distance = {velocity: Crossing(name, 1.0, velocity, seed=0).run()[0] for velocity in KNOWLEDGE}
+    # at rest in its eyes, the obstacle gets in as deep as alpha h = -v lets it; the estimate keeps it out
+    assert distance["zero"] < -0.02
+    assert distance["estimated"] > 0
+    assert distance["true"] > 0
+
+
+def test_without_a_filter_the_obstacle_goes_through_the_hand() -> None:
+    robot_stays = Crossing("none", 1.0, "true", seed=0).run()
+    assert robot_stays[0] < -0.05
+    assert robot_stays[1] == 0.0
+
+
+def test_an_unknown_kind_of_knowledge_is_refused() -> None:
+    with pytest.raises(ConfigError, match="velocity = 'guessed': must be one of zero, estimated, true"):
+        Crossing("cbf", 1.0, "guessed", 0)
+
+
+def test_the_command_prints_both_tables_and_writes_what_it_found(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = tracking_study(seed=0, rates=(60.0,), duration=1.2)
+    crossings = crossing_study(range(1), speeds=(1.0,), filters=("cbf",))
+    monkeypatch.setattr(study, "tracking_study", lambda seed: rows)
+    monkeypatch.setattr(study, "crossing_study", lambda seeds: crossings)
+    monkeypatch.setattr(study, "tracking_plot", lambda seed: b"a picture")
+    assert study.tracking(tmp_path / "new" / "folder") == 0
+    written = json.loads((tmp_path / "new" / "folder" / "tracking.json").read_text(encoding="utf-8"))
+    assert written == {"tracking": rows, "crossing": crossings}
+    assert (tmp_path / "new" / "folder" / "tracking.png").read_bytes() == b"a picture"
+    assert "obstacle tracks" in capsys.readouterr().out
+    assert study.tracking(None) == 0
+    assert [row["velocity"] for row in crossings] == list(KNOWLEDGE)
+
+
+def test_tables_show_every_figure_in_its_unit() -> None:
+    rows = [{c.key: 0.0123 for c in TRACKING} | {"motion": "circular", "model": "velocity"}]
+    crossings = [{c.key: 0.0123 for c in CROSSING} | {"filter": "cbf", "velocity": "true"}]
+    buffer = io.StringIO()
+    print_tracking(Console(file=buffer, width=400), rows, crossings)
+    text = buffer.getvalue()
+    for column in (*TRACKING, *CROSSING):
+        assert column.words in text
+        assert not column.unit or f"[{column.unit}]" in text
+    for shown in ("circular", "velocity", "cbf", "12.3", "1.23", "0.0123"):
+        assert shown in text
+
+
+def test_the_plot_is_a_picture_with_something_on_it() -> None:
+    picture = Image.open(io.BytesIO(tracking_plot(duration=1.2)))
+    assert picture.format == "PNG"
+    assert len(np.unique(np.asarray(picture.convert("RGB")).reshape(-1, 3), axis=0)) > 20

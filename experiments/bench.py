@@ -37,7 +37,8 @@ WARM_UP = 100
 
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
-    unused = {"tick": ("filters",), "filters": ("robots", "filter", "solver")}[options.what]
+    of_tick = ("robots", "filter", "solver")
+    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
@@ -47,6 +48,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.filter_bench import bench_filters
 
         return bench_filters(options)
+    if options.what == "tracking":
+        from experiments.tracking import tracking
+
+        return tracking(options.out)
     return bench_tick(options)
 
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from experiments.console import make_console, progress, results_folder
-from experiments.corridor_loop import DT, TOUCH, VARIANTS, CorridorLoop, CorridorRun, variant_title
+from experiments.corridor_loop import DT, MARGINS, TOUCH, VARIANTS, CorridorLoop, CorridorRun, variant_title
 from experiments.corridor_scene import D_MIN, Corridor, corridor_robot
 from experiments.figures import Figure
 from experiments.options import CorridorOptions, OutputOptions
@@ -54,7 +54,7 @@ def corridor(options: CorridorOptions) -> int:
     robot = corridor_robot()
     bars = progress(console, titles, options.duration)
     with results_folder(OutputOptions(out=options.out), "corridor") as folder:
-        loops = [CorridorLoop(robot, scene, name, options.weight) for name in options.filters]
+        loops = [CorridorLoop(robot, scene, name, options.weight, options.margins) for name in options.filters]
         with bars as advance:
             runs = [loop.run(options.duration, a) for loop, a in zip(loops, advance, strict=True)]
     save_corridor(folder, options, runs, loops[0].labels)
@@ -80,6 +80,7 @@ def check_corridor(options: CorridorOptions) -> Corridor:
         raise ConfigError("filters", " ".join(options.filters), "each of them once")
     require_between("duration", options.duration, 0.1, 120.0)
     require_positive("weight", options.weight)
+    require_one_of("margins", options.margins, MARGINS)
     if options.seed is not None:
         require_between("seed", options.seed, 0, 2**63 - 1)
     return Corridor(options.gap, options.seed)

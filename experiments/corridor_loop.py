@@ -80,17 +80,24 @@ def variant_title(name: str) -> str:
     return {NAIVE: "SSA, naive", "ssa": "SSA, least slack"}.get(name) or KINDS[name].title
 
 
+MARGINS = ("shared", "own")
+"""Whether CBF and ISSf-CBF keep the same margin as SSA and its kin, or none, as in their own paper."""
+
+
 class CorridorLoop:
     """One filter in closed loop with a robot that follows it exactly; collisions are counted, not prevented."""
 
-    def __init__(self, robot: RobotDescription, scene: Corridor, name: str, weight: float = 10.0) -> None:
-        """For one of ``VARIANTS``; ``weight``: Q_s of r-SSA.
+    def __init__(
+        self, robot: RobotDescription, scene: Corridor, name: str, weight: float = 10.0, margins: str = "shared"
+    ) -> None:
+        """For one of ``VARIANTS``; ``weight``: Q_s of r-SSA; ``margins``: one of ``MARGINS``.
 
         Raises:
             ConfigError: no such filter, or a weight that is not above 0.
         """
         require_one_of("filters", name, VARIANTS)
         require_positive("weight", weight)
+        require_one_of("margins", margins, MARGINS)
         self.scene, self.name = scene, name
         self.kin = corridor_kinematics(robot)
         start = start_posture(self.kin)
@@ -104,8 +111,9 @@ class CorridorLoop:
         points = [(robot.collisions[bodies.names.index(n)].body, offset) for n, offset in HAND_OFFSETS.items()]
         self.policy = NominalPolicy(self.kin, points, rest_posture(self.kin), limits=limits)
         self.plant = KinematicPlant(self.kin, start)
-        family = FamilyParameters(slack_weight=weight)
-        parameters = BarrierParameters(self_collision=family, obstacle=family)
+        shared = SET_MARGINS if margins == "shared" else dict.fromkeys(SET_MARGINS)
+        family = {f: FamilyParameters(slack_weight=weight, margin=shared[f]) for f in D_MIN}
+        parameters = BarrierParameters(**family)
         chosen, action = ("ssa", "unsafe_pass_nominal") if name == NAIVE else (name, "least_slack")
         self.kind = KINDS[chosen]
         n = self.barriers.size

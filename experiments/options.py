@@ -123,6 +123,9 @@ class CorridorOptions:
     """Moves goals and sphere by some millimetres; without it everything is where it was designed to be [-]."""
     weight: float = 10.0
     """Weight Q_s of the squared violations in r-SSA [rad^2/m^2]."""
+    margins: str = "shared"
+    """shared: every filter keeps 5 cm to obstacles and 1 cm between bodies; own: CBF and ISSf-CBF none, as in their own
+    paper."""
     gap: float = 0.14
     """Distance of the boards once they have closed; the hand's sphere takes 0.10 m of it, and needs 0.20 m to keep
     5 cm to either board [m]."""
@@ -151,10 +154,11 @@ class BenchOptions:
 
     tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
     same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
-    conditions can be met and where they cannot.
+    conditions can be met and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated
+    velocity is worth to the filter.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "filters"]]
+    what: tyro.conf.Positional[Literal["tick", "filters", "tracking"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
     """Only with tick: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
@@ -167,13 +171,18 @@ class BenchOptions:
     solver: str = "daqp"
     """Only with tick: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
-    """Write the figures as JSON to this file too."""
+    """Write the figures as JSON to this file too; of tracking also a plot, as PNG beside it."""
 
 
 @dataclass(frozen=True)
 class TableOptions:
-    """Make every run that the documentation quotes, and print its tables as Markdown. Some minutes on two cores."""
+    """Make every run that a page of the documentation quotes, and print its tables as Markdown.
 
+    Some minutes on two cores.
+    """
+
+    what: tyro.conf.Positional[Literal["results", "safety"]] = "results"
+    """Which page's: docs/results.md or docs/safety.md."""
     jobs: int = 2
     """Runs at a time [-]."""
     out: Path | None = None

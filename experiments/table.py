@@ -1,4 +1,4 @@
-"""The table of the documentation: every run it quotes, made anew, in Markdown."""
+"""The tables of the documentation: every run that they quote, made anew, in Markdown."""
 
 import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
@@ -21,12 +21,16 @@ from experiments.options import (
     TableOptions,
 )
 from experiments.results import RunResult, save_result
+from experiments.safety_runs import safety_runs
 from experiments.warmup import warm_up
 from robots.checks import require_between
 from robots.loader import load_robot
 
 ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (0.9, 1.0, 1.2)
+
+USUAL_MASS_SCALE = 1.2
+"""Mass scale of the runs with moving hands, if nothing else is said."""
 
 PAYLOAD = 0.5
 """Mass that the model does not know of, at each hand [kg]."""
@@ -61,7 +65,7 @@ def table(options: TableOptions) -> int:
     """Run everything, print the tables as Markdown, save the runs; returns 0."""
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True, markup=False, soft_wrap=True)
-    groups = runs()
+    groups = safety_runs() if options.what == "safety" else runs()
     with results_folder(OutputOptions(out=options.out), "table") as folder:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
@@ -70,10 +74,16 @@ def table(options: TableOptions) -> int:
             results = [next(done) for _ in group]
             for run, result in zip(group, results, strict=True):
                 save_result(result, folder / run_folder(run))
-            rows = [{**r.summary, "case": describe_case(run)} for run, r in zip(group, results, strict=True)]
+            rows = [{**r.summary, **_words(run)} for run, r in zip(group, results, strict=True)]
             print(f"### {title}\n\n{markdown(rows, columns)}\n")
     console.print(f"runs: {folder}")
     return 0
+
+
+def _words(run: RunOptions) -> dict[str, str]:
+    """What a table may show of a run that is no figure of its summary."""
+    velocity = run.obstacle_velocity if isinstance(run, HandTrackingOptions) else ""
+    return {"case": describe_case(run), "velocity": velocity}
 
 
 def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterator[RunResult]:
@@ -91,8 +101,11 @@ def _one(options: RunOptions) -> RunResult:
 
 
 def run_folder(options: RunOptions) -> str:
-    """Name of the folder of one run: robot, filter, then the motion of the hands, or ``stand`` and the mass scale."""
-    motion = options.motion if isinstance(options, HandTrackingOptions) else f"stand-{options.plant.mass_scale:g}"
+    """Name of the folder of one run: robot, filter, motion of the hands or ``stand``, and what else sets it apart."""
+    motion = f"stand-{options.plant.mass_scale:g}"
+    if isinstance(options, HandTrackingOptions):
+        motion = options.motion if options.obstacle_velocity == "estimated" else f"hold-{options.obstacle_velocity}"
+        motion += "" if options.plant.mass_scale == USUAL_MASS_SCALE else f"-mass-{options.plant.mass_scale:g}"
     case = f"-{describe_case(options)}" if options.plant.link_mass or options.plant.noise_scale else ""
     case += f"-epsilon-{options.safety.epsilon:g}" if options.safety.epsilon is not None else ""
     return f"{options.robot}-{options.safety.filter}-{motion}{case}".replace(" ", "-").replace(",", "")

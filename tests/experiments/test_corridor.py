@@ -220,10 +220,22 @@ def test_ssa_that_relaxes_by_least_slack_is_p_ssa(runs: dict[str, CorridorRun]) 
     np.testing.assert_allclose(runs["ssa"].series["q"], runs["pssa"].series["q"], rtol=0, atol=1e-6)
 
 
-def test_cbf_meets_its_conditions_where_ssa_cannot(runs: dict[str, CorridorRun]) -> None:
-    assert not runs["cbf"].series["infeasible"].any()
-    assert runs["cbf"].summary["feasible_rate"] == 1.0
-    assert runs["cbf"].summary["C"] is None
+@pytest.fixture(scope="module")
+def bare_cbf(g1: RobotDescription) -> CorridorRun:
+    """CBF without a margin, as in its own paper."""
+    return CorridorLoop(g1, Corridor(), "cbf", margins="own").run(DURATION)
+
+
+def test_cbf_without_a_margin_meets_its_conditions_where_ssa_cannot(bare_cbf: CorridorRun) -> None:
+    assert not bare_cbf.series["infeasible"].any()
+    assert bare_cbf.summary["feasible_rate"] == 1.0
+    assert bare_cbf.summary["C"] is None
+    assert bare_cbf.summary["min_h_obstacle_m"] > -1e-4
+
+
+def test_with_the_margin_of_the_others_cbf_is_in_conflict_too_and_hits_nothing(runs: dict[str, CorridorRun]) -> None:
+    assert runs["cbf"].series["infeasible"].any()
+    assert runs["cbf"].summary["min_h_obstacle_m"] > 0
 
 
 def test_the_robot_moves_exactly_as_the_filter_says(runs: dict[str, CorridorRun]) -> None:
@@ -306,8 +318,8 @@ def test_scores_of_nothing_are_none() -> None:
     assert safety_score(-np.ones((3, 2))) is None
 
 
-def test_a_score_without_anything_to_score_reads_none(runs: dict[str, CorridorRun]) -> None:
-    assert figure_text(Figure("C", "C"), runs["cbf"]) == "none"
+def test_a_score_without_anything_to_score_reads_none(bare_cbf: CorridorRun) -> None:
+    assert figure_text(Figure("C", "C"), bare_cbf) == "none"
 
 
 def test_rounding_is_no_overlap_and_an_overlap_stands_out(runs: dict[str, CorridorRun]) -> None:
@@ -445,6 +457,7 @@ def call(folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> obje
         (["--gap", "nan"], ["gap = nan"]),
         (["--duration", "0"], ["duration = 0.0"]),
         (["--weight", "0"], ["weight = 0.0", "above 0"]),
+        (["--margins", "all"], ["margins = 'all'", "shared, own"]),
         (["--seed", "-1"], ["seed = -1"]),
         (["--out", "plain/below"], ["out = 'plain/below'", "a folder that can be written"]),
     ],

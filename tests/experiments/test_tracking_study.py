@@ -10,14 +10,9 @@ from PIL import Image
 from rich.console import Console
 
 from experiments import tracking as study
+from experiments.crossing import CROSSING, KNOWLEDGE, NOISE, TICK, Crossing, crossing_study
 from experiments.tracking import (
-    CROSSING,
-    KNOWLEDGE,
-    NOISE,
-    TICK,
     TRACKING,
-    Crossing,
-    crossing_study,
     follow,
     lag,
     print_tracking,
@@ -131,7 +126,7 @@ def test_without_a_filter_the_obstacle_goes_through_the_hand() -> None:
 
 
 def test_an_unknown_kind_of_knowledge_is_refused() -> None:
-    with pytest.raises(ConfigError, match="velocity = 'guessed': must be one of zero, estimated, true"):
+    with pytest.raises(ConfigError, match="velocity = 'guessed': must be one of zero, estimated, estimated \\+ 3 sigma, true"):
         Crossing("cbf", 1.0, "guessed", 0)
 
 
@@ -143,10 +138,10 @@ def test_the_command_prints_both_tables_and_writes_what_it_found(
     monkeypatch.setattr(study, "tracking_study", lambda seed: rows)
     monkeypatch.setattr(study, "crossing_study", lambda seeds: crossings)
     monkeypatch.setattr(study, "tracking_plot", lambda seed: b"a picture")
-    assert study.tracking(tmp_path / "new" / "folder") == 0
-    written = json.loads((tmp_path / "new" / "folder" / "tracking.json").read_text(encoding="utf-8"))
+    assert study.tracking(tmp_path / "figures.json") == 0
+    written = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert written == {"tracking": rows, "crossing": crossings}
-    assert (tmp_path / "new" / "folder" / "tracking.png").read_bytes() == b"a picture"
+    assert (tmp_path / "figures.png").read_bytes() == b"a picture"
     assert "obstacle tracks" in capsys.readouterr().out
     assert study.tracking(None) == 0
     assert [row["velocity"] for row in crossings] == list(KNOWLEDGE)

@@ -19,6 +19,9 @@ from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
 
+TABLE_WIDTH = 118
+"""Width of the widest table."""
+
 RATES = (30.0, 60.0, 100.0)
 """Rates of the sensor [Hz]."""
 
@@ -48,6 +51,8 @@ TRACKING = (
 def tracking(out: Path | None, seed: int = 0) -> int:
     """Run both studies and print their tables; with ``out`` write them there as JSON, and a plot beside; returns 0."""
     console = make_console()
+    # the tables are wider than what is taken for the width of a pipe
+    console.width = max(console.width, TABLE_WIDTH)
     with console.status("tracking obstacles"):
         rows = tracking_study(seed)
     with console.status("crossing the hands"):

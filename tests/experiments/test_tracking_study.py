@@ -126,7 +126,8 @@ def test_without_a_filter_the_obstacle_goes_through_the_hand() -> None:
 
 
 def test_an_unknown_kind_of_knowledge_is_refused() -> None:
-    with pytest.raises(ConfigError, match="velocity = 'guessed': must be one of zero, estimated, estimated \\+ 3 sigma, true"):
+    allowed = r"zero, estimated, estimated \+ 3 sigma, true"
+    with pytest.raises(ConfigError, match=rf"velocity = 'guessed': must be one of {allowed}"):
         Crossing("cbf", 1.0, "guessed", 0)
 
 

@@ -25,31 +25,30 @@ class AccelerationFilter:
         self._parameters = parameters
         self._v_max = np.array(v_max)
 
-    def velocity(self, v_des: Array) -> Array:
-        """The nominal velocity (nv,) within its bounds."""
-        return np.clip(v_des, -self._v_max, self._v_max)
+    def velocity(self, v: Array) -> Array:
+        """A velocity (nv,) within its bounds."""
+        return np.clip(v, -self._v_max, self._v_max)
 
     def conditions(self, rows: BarrierRows, v: Array) -> HalfSpaces:
         """Conditions on the acceleration at rows with curvature and measured velocity ``v`` (nv,)."""
         return ecbf(rows, v, self._parameters.of_rows(rows.family))
 
-    def result(self, v: Array, v_des: Array, conditions: HalfSpaces, dynamic: DynWbcResult) -> FilterResult:
+    def result(self, v: Array, conditions: HalfSpaces, dynamic: DynWbcResult) -> FilterResult:
         """What became of the conditions.
 
         Args:
-            v: shape (nv,) the velocity command that was used.
-            v_des: shape (nv,) the nominal one.
+            v: shape (nv,) the velocity command that goes to the motors.
             conditions: of this tick.
             dynamic: DynWBC's result.
 
         Returns:
-            The velocity command, with slack, active and relaxed conditions of the acceleration [m/s^2, rad/s^2].
-            ``FAILED`` where a number is not finite or DynWBC has no solution.
+            The velocity command, with slack, active and relaxed conditions of the acceleration [m/s^2, rad/s^2];
+            ``UNCHANGED`` where no condition is active. ``FAILED`` where a number is not finite or DynWBC has no
+            solution.
         """
-        if not all_finite(v_des, conditions.b) or dynamic.status != "optimal":
-            cause = "no acceleration found"
+        if dynamic.status != "optimal" or not all_finite(v, conditions.b):
+            cause = "no acceleration satisfies the contacts and the torque limits"
             return FilterResult(np.zeros(v.size), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
         found = report(dynamic.acceleration, FilterStatus.FILTERED, conditions)
-        unchanged = found.active == 0 and np.array_equal(v, v_des)
-        status = FilterStatus.UNCHANGED if unchanged else found.status
+        status = found.status if found.active else FilterStatus.UNCHANGED
         return FilterResult(v, status, found.slack, found.worst_row, found.active, found.relaxed, found.shortfall)

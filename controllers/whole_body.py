@@ -189,8 +189,8 @@ class WholeBodyController:
         marks.append(self._clock())
         dynamic = self.dynwbc.solve(problem)
         if self.acceleration_filter is not None and spaces is not None:
-            v = self.dynwbc.velocity_command(dynamic.acceleration, state.v, dt)
-            safety = self.acceleration_filter.result(v, safety.v, spaces, dynamic)
+            v = self.acceleration_filter.velocity(self.dynwbc.velocity_command(dynamic.acceleration, state.v, dt))
+            safety = self.acceleration_filter.result(v, spaces, dynamic)
         marks.append(self._clock())
         command = MotorCommand(
             state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp

@@ -167,7 +167,7 @@ class DynWbc:
 
     def velocity_command(self, acceleration: Array, v: Array, dt: float) -> Array:
         """Velocity (nv,) whose acceleration command is ``acceleration`` (nv,): eq. (15) of Lee et al. turned round."""
-        return v + acceleration / (self.weights.kd + self.weights.kp * dt)
+        return (acceleration + self.weights.kd * v) / (self.weights.kd + self.weights.kp * dt)
 
     def contact_jacobian(self, kin: Kinematics, in_contact: Mask) -> Array:
         """Stacked Jacobians (6 n, nv) of the soles in their own axes; zero rows for feet that are not in contact."""

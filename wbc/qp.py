@@ -1,6 +1,7 @@
 """Quadratic programs: one problem form, persistent solvers behind it. The only place that names a solver."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
 import daqp
@@ -17,6 +18,17 @@ UNBOUNDED = 1e30
 
 FEASIBILITY_TOLERANCE = 1e-9
 """Largest violation of a row that a solution may show (rows are in m/s, rad/s, N or N m)."""
+
+SINGULAR = 1e-13
+"""Squared sine of the angle to those it has below which daqp takes a row for dependent on them.
+
+Its own 3.7e-11 takes rows for dependent that are not, and then proves infeasible what is not."""
+
+SETTINGS = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_limit": 2000}
+"""Of daqp."""
+
+SHORT, NOTHING = 1e-8, 1e-30
+"""Rows with a squared length between these are given to daqp at unit length: it has those below 1e-11 for zero."""
 
 SOFT = 8
 """How daqp is told that a row may be violated."""
@@ -91,6 +103,8 @@ def make_solver(name: str, n: int, m: int, slack_weights: Array | None = None) -
 class DaqpSolver:
     """DAQP behind :class:`QpSolver`: its workspace and active set persist between calls.
 
+    What cannot be solved from the active set of the last problem is tried once more without it.
+
     Rows with a finite slack weight are its own soft constraints: no slack variables, as fast as hard rows. Their
     multipliers are weight times violation.
     """
@@ -105,36 +119,67 @@ class DaqpSolver:
         if slack_weights is not None:
             self._softness = np.concatenate([np.zeros(n), 1.0 / slack_weights])
             self._sense = np.where(self._softness > 0, SOFT, 0).astype(np.int32)
+        self._factors: Array | float = 1.0
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
-        if not _well_posed(hessian, gradient, rows, lower, upper):
+        if not self.m:
+            rows = self._no_rows
+        squared = np.vecdot(rows, rows)
+        if not _finite(hessian, gradient, squared, lower, upper):
             return self._unsolved("failed")
         if (lower > upper).any():
             return self._unsolved("infeasible")
-        flag = self._load(hessian, gradient, rows if self.m else self._no_rows, lower, upper)
+        short = (squared < SHORT) & (squared > NOTHING)
+        if short.any():
+            return self._solve_stretched(hessian, gradient, rows, lower, upper, np.where(short, squared, 1.0) ** -0.5)
+        if not isinstance(self._factors, float):
+            self._set_factors(1.0)
+        return self._solve(hessian, gradient, rows, lower, upper)
+
+    def _solve_stretched(
+        self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array, factor: Array
+    ) -> QpSolution:
+        """The same problem with each row times its ``factor`` (m,), undone in the answer."""
+        factors = np.concatenate([np.ones(self.n), factor])
+        self._set_factors(factors)
+        lower = np.where(lower > -UNBOUNDED, lower * factors, lower)
+        upper = np.where(upper < UNBOUNDED, upper * factors, upper)
+        solution = self._solve(hessian, gradient, rows * factor[:, None], lower, upper)
+        return replace(solution, multipliers=solution.multipliers * factors)
+
+    def _set_factors(self, factors: Array | float) -> None:
+        """Say by what the rows are multiplied: violation has to cost the same however long they are."""
+        self._factors = factors
+        if self._model is not None and self._softness is not None:
+            softness = self._softness * factors**2
+            self._model.soft_weights(rho_l=softness, rho_u=softness)
+
+    def _solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        warm = self._model is not None
+        flag = self._load(hessian, gradient, rows, lower, upper)
         if flag < 0:
             self._model = None
             return self._unsolved("infeasible" if flag == -1 else "failed")
         assert self._model is not None
         x, _, flag, info = self._model.solve()
-        status: QpStatus = "optimal" if flag in SOLVED else "infeasible" if flag == -1 else "failed"
-        if status != "optimal":
-            # the active set of an unsolved problem is no good start for the next one
+        if flag not in SOLVED:
+            # the active set of an unsolved problem is no good start; from a bad one rounding can make this one unsolved
             self._model = None
+            if warm:
+                return self._solve(hessian, gradient, rows, lower, upper)
+        status: QpStatus = "optimal" if flag in SOLVED else "infeasible" if flag == -1 else "failed"
         return QpSolution(np.array(x), np.array(info["lam"]), status, int(info["iterations"]))
 
     def _load(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> int:
-        if self._model is None:
-            self._model = daqp.Model()
-            if self._softness is None:
-                flag, _ = self._model.setup(hessian, gradient, rows, upper, lower)
-            else:
-                flag, _ = self._model.setup(hessian, gradient, rows, upper, lower, self._sense)
-                self._model.soft_weights(rho_l=self._softness, rho_u=self._softness)
-            self._model.settings = {"primal_tol": FEASIBILITY_TOLERANCE, "iter_limit": 2000}
-        else:
-            flag = self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower)
+        if self._model is not None:
+            return int(self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower))
+        self._model = daqp.Model()
+        self._model.settings = SETTINGS
+        if self._softness is None:
+            return int(self._model.setup(hessian, gradient, rows, upper, lower)[0])
+        flag, _ = self._model.setup(hessian, gradient, rows, upper, lower, self._sense)
+        self._set_factors(self._factors)
         return int(flag)
 
     def _unsolved(self, status: QpStatus) -> QpSolution:
@@ -163,7 +208,7 @@ class ProxqpSolver:
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
-        if not _well_posed(hessian, gradient, rows, lower, upper):
+        if not _finite(hessian, gradient, rows, lower, upper):
             return self._unsolved("failed")
         if (lower > upper).any():
             return self._unsolved("infeasible")
@@ -185,10 +230,10 @@ class ProxqpSolver:
         return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
 
 
-def _well_posed(hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> bool:
-    """No NaN anywhere; only ``lower`` and ``upper`` may be huge."""
-    total = hessian.sum() + gradient.sum() + rows.sum() + lower.sum() + upper.sum()
-    return bool(np.isfinite(total))
+def _finite(*arrays: Array) -> bool:
+    """No NaN or infinity anywhere; bounds may be huge."""
+    # without the wrapper of the method: most of the time on arrays of this size
+    return all(math.isfinite(np.add.reduce(a, axis=None)) for a in arrays)
 
 
 def kkt_residual(

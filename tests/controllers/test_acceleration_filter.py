@@ -1,0 +1,133 @@
+"""The exponential CBF inside the whole-body controller: what its accelerations do to the barriers."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controllers.config import FilterTuning, controller_config
+from controllers.reference import WholeBodyReference, reference_here
+from controllers.whole_body import TickResult, WholeBodyController
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import Array, RobotState
+from robots.pinocchio_model import standing_configuration
+from safety.barriers import standard_barriers
+from safety.conditions import FamilyParameters
+from safety.filters import FilterStatus
+
+POSTURE = "hands_front"
+
+
+def ready(name: str, filter_name: str, **tuning: Any) -> tuple[WholeBodyController, WholeBodyReference]:
+    robot = load_robot(name)
+    config = controller_config(robot, filter=filter_name, safety=FilterTuning(**tuning))
+    controller = WholeBodyController(robot, config, with_hands=True)
+    kin = controller.kin
+    kin.update(standing_configuration(robot, POSTURE), np.zeros(kin.nv))
+    return controller, reference_here(kin, with_hands=True)
+
+
+def moving_state(controller: WholeBodyController, rng: np.random.Generator, speed: float) -> RobotState:
+    """The hands-front posture, its arms on the move; the legs are at rest."""
+    kin = controller.kin
+    v = np.zeros(kin.nv)
+    arms = [i for i, n in enumerate(kin.joint_names) if any(w in n.lower() for w in ("shoulder", "elbow", "wrist"))]
+    v[6 + np.array(arms)] = speed * rng.normal(size=len(arms))
+    return RobotState(standing_configuration(controller.robot, POSTURE), v, np.zeros(kin.nv - 6), 0.0)
+
+
+def hands_into_torso(reference: WholeBodyReference) -> None:
+    assert reference.hands is not None
+    for hand in reference.hands:
+        hand.position = np.array([0.0, 0.0, hand.position[2]])
+
+
+@pytest.fixture(params=["g1", "tocabi"])
+def name(request: pytest.FixtureRequest) -> str:
+    return str(request.param)
+
+
+def exponential_barrier(kin: Kinematics, q: Array, v: Array, alpha: Array) -> Array:
+    """h_e = h_dot + alpha h of every row, eq. (54) of Lee et al., from first-order quantities only."""
+    kin.update_geometry(q)
+    rows = standard_barriers(kin).evaluate(kin)
+    return rows.jac @ v + rows.drift + alpha * rows.h
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_acceleration_satisfies_equation_55_along_the_motion_it_starts(name: str, seed: int) -> None:
+    controller, reference = ready(name, "ecbf")
+    hands_into_torso(reference)
+    state = moving_state(controller, np.random.default_rng(seed), 0.8)
+    controller.reset(state)
+    result = controller.tick(state, reference)
+    assert result.safety.status == FilterStatus.FILTERED
+    assert result.safety.slack < 1e-7
+    kin = Kinematics(controller.robot)
+    family = controller.barriers.evaluate(controller.kin).family
+    alpha = controller.config.safety.parameters().of_rows(family).alpha
+    a, step = result.dynwbc.acceleration, 1e-6
+    after = exponential_barrier(kin, kin.integrate(state.q, state.v, step), state.v + step * a, alpha)
+    before = exponential_barrier(kin, kin.integrate(state.q, state.v, -step), state.v - step * a, alpha)
+    here = exponential_barrier(kin, state.q, state.v, alpha)
+    gap = (after - before) / (2 * step) + alpha * here
+    assert gap.min() > -1e-4
+    assert np.count_nonzero(gap < 1e-4) == result.safety.active > 0
+
+
+def test_far_from_danger_torques_are_those_without_a_filter(name: str) -> None:
+    results: list[TickResult] = []
+    eager = FamilyParameters(alpha=100.0)
+    for filter_name in ("none", "ecbf"):
+        controller, reference = ready(name, filter_name, self_collision=eager, leg_collision=eager)
+        state = moving_state(controller, np.random.default_rng(1), 0.0)
+        controller.reset(state)
+        results.append(controller.tick(state, reference))
+    without, with_filter = results
+    assert with_filter.safety.status == FilterStatus.UNCHANGED
+    np.testing.assert_allclose(with_filter.dynwbc.torque, without.dynwbc.torque, rtol=0, atol=1e-7)
+    assert with_filter.safety.relaxed.size == 0
+
+
+def test_the_motors_are_told_the_velocity_that_gives_this_acceleration(name: str) -> None:
+    """Otherwise their damping would pull the arms back into what DynWBC has just kept them out of."""
+    controller, reference = ready(name, "ecbf")
+    hands_into_torso(reference)
+    state = moving_state(controller, np.random.default_rng(2), 0.3)
+    controller.reset(state)
+    result = controller.tick(state, reference)
+    told = np.concatenate([np.zeros(6), result.command.v])
+    asked = controller.dynwbc.acceleration_reference(told, state.v, controller.config.dt)
+    np.testing.assert_allclose(asked[6:], result.dynwbc.acceleration[6:], rtol=0, atol=1e-8)
+
+
+def test_velocity_bounds_hold(name: str) -> None:
+    controller, reference = ready(name, "ecbf", velocity_scale=0.02, base_linear=0.01, base_angular=0.01)
+    hands_into_torso(reference)
+    state = moving_state(controller, np.random.default_rng(3), 3.0)
+    controller.reset(state)
+    result = controller.tick(state, reference)
+    bounds = 0.02 * controller.robot.joint_array("velocity")
+    assert (np.abs(result.command.v) <= bounds).all()
+    assert (np.abs(result.safety.v[:6]) <= 0.01).all()
+    assert (np.abs(result.command.v) == bounds).any()
+
+
+def test_conditions_that_no_torque_can_meet_are_relaxed_and_reported(name: str) -> None:
+    """Arms that race into the torso cannot be stopped by their motors."""
+    controller, reference = ready(name, "ecbf")
+    kin, robot = controller.kin, controller.robot
+    kin.update(standing_configuration(robot, POSTURE), np.zeros(kin.nv))
+    rows = controller.barriers.evaluate(kin)
+    pairs = controller.barriers.slices["self_collision"]
+    closest = pairs.start + int(np.argmin(rows.h[pairs]))
+    v = np.zeros(kin.nv)
+    v[6:] = -200.0 * rows.jac[closest, 6:]
+    state = RobotState(kin.q.copy(), v, np.zeros(kin.nv - 6), 0.0)
+    controller.reset(state)
+    result = controller.tick(state, reference)
+    assert result.dynwbc.status == "optimal" and result.dynwbc.relaxed
+    assert result.safety.status == FilterStatus.RELAXED
+    assert result.safety.slack == pytest.approx(result.safety.shortfall.max(), rel=1e-12)
+    assert (np.abs(result.dynwbc.torque) <= robot.joint_array("effort") + 1e-7).all()

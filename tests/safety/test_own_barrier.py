@@ -1,0 +1,84 @@
+"""The worked example of docs/safety.md, read out of the page, is a barrier that holds."""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from controllers.config import controller_config
+from controllers.reference import reference_here
+from controllers.whole_body import WholeBodyController
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import RobotState
+from robots.pinocchio_model import standing_configuration
+from safety.barriers import Barrier, standard_barriers
+from safety.rows import FAMILIES
+
+PAGE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
+TILT = np.radians(15)
+
+
+@pytest.fixture(scope="module")
+def upright() -> Callable[..., Barrier]:
+    code = next(b for b in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL) if "class UprightBarrier" in b)
+    scope: dict[str, Any] = {}
+    exec(compile(code, "docs/safety.md", "exec"), scope)
+    return scope["UprightBarrier"]  # type: ignore[no-any-return]
+
+
+@pytest.mark.parametrize("name", ["g1", "tocabi"])
+def test_gradient_is_that_of_central_differences(upright: Callable[..., Barrier], name: str) -> None:
+    kin = Kinematics(load_robot(name))
+    barriers = standard_barriers(kin, extra=[upright(kin, "torso", TILT)])
+    row = barriers.labels.index("torso upright")
+    rng = np.random.default_rng(0)
+    q = kin.integrate(standing_configuration(kin.robot), 0.3 * rng.normal(size=kin.nv), 1.0)
+
+    def value(at: np.ndarray) -> float:
+        kin.update_geometry(at)
+        return float(barriers.evaluate(kin).h[row])
+
+    h = value(q)
+    assert h == pytest.approx(kin.frame_placement(kin.frame_id("torso"))[0][2, 2] - np.cos(TILT), abs=1e-15)
+    rows = barriers.evaluate(kin)
+    assert FAMILIES[rows.family[row]] == "custom"
+    gradient, step = rows.jac[row].copy(), 1e-6
+    for k in range(kin.nv):
+        move = step * np.eye(kin.nv)[k]
+        assert (value(kin.integrate(q, move, 1.0)) - value(kin.integrate(q, -move, 1.0))) / (2 * step) == pytest.approx(
+            gradient[k], abs=1e-8
+        )
+
+
+@pytest.mark.parametrize("filter_name", ["cbf", "issf"])
+def test_a_torso_that_is_asked_to_lean_stays_within_the_bound(
+    upright: Callable[..., Barrier], filter_name: str
+) -> None:
+    """Kinematic closed loop: the robot follows the filter exactly."""
+    robot = load_robot("g1")
+    lean = {}
+    for guarded in (False, True):
+        extra = (lambda kin: [upright(kin, "torso", TILT)]) if guarded else None
+        controller = WholeBodyController(
+            robot, controller_config(robot, filter=filter_name), with_hands=False, extra_barriers=extra
+        )
+        kin, q = controller.kin, standing_configuration(robot)
+        kin.update(q, np.zeros(kin.nv))
+        reference = reference_here(kin, with_hands=False)
+        reference.torso_rotation = pin.utils.rotate("y", 0.45) @ reference.torso_rotation
+        angles = []
+        for i in range(400):
+            state = RobotState(q, np.zeros(kin.nv), np.zeros(kin.nv - 6), 0.002 * i)
+            v = controller.tick(state, reference).safety.v
+            q = kin.integrate(q, v, 0.002)
+            kin.update_geometry(q)
+            z = kin.frame_placement(kin.frame_id("torso"))[0][:, 2]
+            angles.append(np.arccos(np.clip(z[2], -1, 1)))
+        lean[guarded] = max(angles)
+    assert lean[False] > np.radians(20)
+    assert np.radians(10) < lean[True] < TILT + 1e-4

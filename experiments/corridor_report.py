@@ -28,7 +28,7 @@ from experiments.corridor_scene import (
     corridor_kinematics,
 )
 from experiments.media import distance_colours, obstacle_shapes
-from experiments.plots import DPI, FILTERED, GRID, INK, UNFILTERED, UNSAFE, WIDTH
+from experiments.plot_style import DPI, FILTERED, GRID, INK, UNFILTERED, UNSAFE, WIDTH
 from experiments.report import STYLE
 from experiments.results import plain
 from robots.description import RobotDescription

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 import numpy as np
 
+from experiments import distance_plots as distances
 from experiments import plots
 from experiments.figures import known_figures
 from experiments.results import FILTER_STATUSES, GUARANTEED, RunResult, plain, run_title, smallest_self_collision
@@ -27,10 +28,22 @@ GUARANTEE_CAPTION = (
 )
 
 CAPTIONS = (
-    ("Distances", plots.barrier_plot, "Distance between the bodies that came closest; below zero they overlap."),
-    ("Guarantee", plots.guarantee_plot, GUARANTEE_CAPTION),
-    ("Obstacle", plots.obstacle_plot, "Distance between the obstacle and the closest body; below zero they overlap."),
-    ("Limits", plots.limits_plot, "Room to the nearest joint limit, and between each hand and the end of its reach."),
+    (
+        "Distances",
+        distances.barrier_plot,
+        "Distance between the bodies that came closest; below zero they overlap.",
+    ),
+    ("Guarantee", distances.guarantee_plot, GUARANTEE_CAPTION),
+    (
+        "Obstacle",
+        distances.obstacle_plot,
+        "Distance between the obstacle and the closest body; below zero they overlap.",
+    ),
+    (
+        "Limits",
+        distances.limits_plot,
+        "Room to the nearest joint limit, and between each hand and the end of its reach.",
+    ),
     ("Hands", plots.hand_plot, "Where the hands were and where they were asked to be; the last row is the distance."),
     ("Balance", plots.balance_plot, "The zero-moment point has to stay inside the support polygon, or the feet tip."),
     ("Centre of mass", plots.com_plot, "How far the centre of mass was from where it was asked to be."),

@@ -198,7 +198,7 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
     """Estimated against true velocity of the three motions, one coordinate; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.plots import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
 
     drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
     axes = drawing.subplots(3, 1, sharex=True)

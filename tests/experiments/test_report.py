@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import plots, report
+from experiments import distance_plots, plot_style, plots, report
 from experiments.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
 from experiments.plots import joint_groups
 from experiments.report import verdict, write_report
@@ -310,33 +310,33 @@ def test_the_pairs_shown_are_of_hand_and_torso_where_hands_move() -> None:
     hand = pairs.index(("right_hand", "torso_high"))
     h = result.series["h_self_collision"].copy()
     h[:, feet], h[:, hand] = 0.01, 0.02
-    shown = plots._closest_pairs([with_series(result, h_self_collision=h)])
+    shown = distance_plots._closest_pairs([with_series(result, h_self_collision=h)])
     assert shown[0] == hand
     assert all("hand" in a and b in {"torso_low", "torso_high", "head"} for a, b in (pairs[k] for k in shown))
     without = with_series(make_result(hands=False), h_self_collision=h)
-    assert plots._closest_pairs([without])[:2] == [feet, hand]
+    assert distance_plots._closest_pairs([without])[:2] == [feet, hand]
 
 
 def test_every_run_has_its_own_colour() -> None:
     results = [make_result(ticks=1, filter=name) for name in ("cbf", "none", "ssa", "none", "sss")]
-    colours = [colour for _, colour in plots._coloured(results)]
-    assert colours[1] == plots.UNFILTERED
+    colours = [colour for _, colour in plot_style.coloured(results)]
+    assert colours[1] == plot_style.UNFILTERED
     assert len(set(colours)) == len(results)
 
 
 def test_bounds_are_drawn_only_where_something_is_promised() -> None:
     free, filtered = make_result(filter="none"), make_result()
-    assert plots.guarantee_plot([free]) is None
-    assert plots.guarantee_plot([make_result(ticks=0)]) is None
-    alone = plots.guarantee_plot([filtered])
+    assert distance_plots.guarantee_plot([free]) is None
+    assert distance_plots.guarantee_plot([make_result(ticks=0)]) is None
+    alone = distance_plots.guarantee_plot([filtered])
     assert alone is not None
-    assert plots.guarantee_plot([free, filtered]) == alone
+    assert distance_plots.guarantee_plot([free, filtered]) == alone
     stopped = {k: filtered.series[k].copy() for k in ("h_bound", "h_row_bound", "disturbance")}
     for values in stopped.values():
         values[30:] = np.nan
-    assert plots.guarantee_plot([with_series(filtered, **stopped)]) not in {None, alone}
+    assert distance_plots.guarantee_plot([with_series(filtered, **stopped)]) not in {None, alone}
     before = {k: v for k, v in filtered.series.items() if k not in stopped}
-    assert plots.guarantee_plot([RunResult(filtered.robot, filtered.config, filtered.summary, before)]) is None
+    assert distance_plots.guarantee_plot([RunResult(filtered.robot, filtered.config, filtered.summary, before)]) is None
 
 
 # --- report

@@ -19,7 +19,7 @@ class Candidates:
     """Rows among which a conflict is to be found: A v >= b within bounds; arrays of its own.
 
     Attributes:
-        rows: shape (m,) their places among the barrier rows.
+        rows: shape (m,) their places among the barrier rows, in any order.
         A: shape (m, nv).
         b: shape (m,).
         lower: shape (nv,) bound of v.
@@ -54,7 +54,8 @@ def minimal_conflict(candidates: Candidates) -> tuple[int, ...]:
         kept = list(range(candidates.b.size))
         if _can_hold(candidates, kept):
             return ()
-    for i in sorted(kept, key=lambda k: violation[k]):
+    # ties in the order of the rows, whatever that of the candidates is
+    for i in sorted(kept, key=lambda k: (violation[k], candidates.rows[k])):
         rest = [k for k in kept if k != i]
         if not _can_hold(candidates, rest):
             kept = rest

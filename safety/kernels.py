@@ -1,15 +1,184 @@
 """Compiled rows: from contacts (see :mod:`safety.geometry`) to gradients, drift and second derivatives."""
 
-import numpy as np
-from numba import njit
+import math
 
-from robots.messages import Array, Indices
+import numpy as np
+from numba import njit, types
+
+from robots.messages import Array, Indices, Mask
 
 NO_DIRECTION = 1e-9
 """Contact points closer than this [m] turn the normal at no rate: it is chosen there, and does not depend on them."""
 
 ALIGNED = 1e-12
 """Free directions whose Gram determinant is below this count as one: points slide the same along either."""
+
+REORDERED = {"reassoc", "contract"}
+"""Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
+
+SINGLE_THREADED = 9216
+"""Numbers in a matrix up to which BLAS multiplies it alone; for more it starts threads, and waits for them."""
+
+VECTOR = types.Array(types.float64, 1, "C", readonly=True)
+MATRIX = types.Array(types.float64, 2, "C", readonly=True)
+"""Types given in advance: compiled at import, not in the tick that needs it first."""
+
+
+def all_numbers(h: Array, drift: Array, jac: Array) -> bool:
+    """Whether all numbers of barrier rows are finite: h (n,), drift (n,), jac (n, nv)."""
+    return math.isfinite(_total(_packed(h), _packed(drift), _packed(jac)))
+
+
+@njit(types.float64(VECTOR, VECTOR, MATRIX), cache=True, error_model="numpy", fastmath=REORDERED)
+def _total(h: Array, drift: Array, jac: Array) -> float:
+    """Sum of all: not finite where one of them is not."""
+    out = 0.0
+    for i in range(h.size):
+        out += h[i]
+    for i in range(drift.size):
+        out += drift[i]
+    for x in jac.flat:
+        out += x
+    return out
+
+
+def room(A: Array, v: Array, b: Array) -> Array:
+    """A v - b, new: by how much conditions A (n, nv), b (n,) hold at v (nv,); below 0 they do not."""
+    out = np.empty(b.size)
+    _room(_packed(A), _packed(v), _packed(b), out)
+    return out
+
+
+@njit(
+    types.boolean(MATRIX, VECTOR, VECTOR, types.float64, types.boolean[::1], types.float64[::1]),
+    cache=True,
+    error_model="numpy",
+    fastmath=REORDERED,
+)
+def add_violated(A: Array, v: Array, b: Array, beyond: float, chosen: Mask, out: Array) -> bool:
+    """Writes :func:`room` to ``out`` (n,), and adds to ``chosen`` (n,) the rows violated by more than ``beyond``.
+
+    Returns:
+        Whether there were any that had not been chosen before.
+    """
+    added = False
+    for i in range(b.size):
+        value = 0.0
+        for k in range(v.size):
+            value += A[i, k] * v[k]
+        out[i] = value - b[i]
+        if out[i] < -beyond and not chosen[i]:
+            chosen[i] = added = True
+    return added
+
+
+def _packed(array: Array) -> Array:
+    """The array itself where its entries follow each other, else a copy in which they do."""
+    return np.ascontiguousarray(array, dtype=float)
+
+
+@njit(types.void(MATRIX, VECTOR, VECTOR, types.float64[::1]), cache=True, error_model="numpy", fastmath=REORDERED)
+def _room(A: Array, v: Array, b: Array, out: Array) -> None:
+    for i in range(b.size):
+        value = 0.0
+        for k in range(v.size):
+            value += A[i, k] * v[k]
+        out[i] = value - b[i]
+
+
+@njit(types.int64[::1](types.int64[::1], types.boolean[::1]), cache=True)
+def seat(seats: Indices, chosen: Mask) -> Indices:
+    """The ``chosen`` (n,) rows, as many as possible where they were in ``seats``, without gaps; new.
+
+    A solver that remembers which of its rows were active then finds them where it left them.
+    """
+    waiting = chosen.copy()
+    count = 0
+    for i in range(chosen.size):
+        count += chosen[i]
+    out = np.full(count, -1)
+    for k in range(min(count, seats.size)):
+        if chosen[seats[k]]:
+            out[k] = seats[k]
+            waiting[seats[k]] = False
+    k = 0
+    for i in range(chosen.size):
+        if waiting[i]:
+            while out[k] >= 0:
+                k += 1
+            out[k] = i
+    return out
+
+
+@njit(types.int64[::1](MATRIX, VECTOR, VECTOR, VECTOR, types.float64, types.float64), cache=True, error_model="numpy")
+def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: float, ease: float) -> Indices:
+    """Conditions A (n, nv), b (n,) that no input between its bounds (nv,) meets, nor eases to speak of; ascending.
+
+    Over the bounds a row's value spans at most ``lever`` times the widest of them, and ``ease`` times what it is short
+    of at its best.
+    """
+    out, count, widest = np.empty(b.size, np.int64), 0, 0.0
+    for k in range(lower.size):
+        widest = max(widest, upper[k] - lower[k])
+    for i in range(b.size):
+        span, best = 0.0, 0.0
+        for k in range(lower.size):
+            low, high = A[i, k] * lower[k], A[i, k] * upper[k]
+            span += abs(high - low)
+            best += max(low, high)
+            if span > lever * widest:
+                break
+        if span <= lever * widest and span <= ease * (b[i] - best):
+            out[count] = i
+            count += 1
+    return out[:count]
+
+
+@njit(types.float64(MATRIX, VECTOR, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
+def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, room: Array) -> float:
+    """A bound from below on the largest violation by any input between its bounds (nv,); above 0 only for a conflict.
+
+    Weighted by the violations -room (n,) that a compromise has, the conditions A (n, nv), b (n,) add up to one; what
+    that one is short of at best is an average of theirs (Farkas).
+    """
+    row, demand, weights = np.zeros(lower.size), 0.0, 0.0
+    for i in range(b.size):
+        if room[i] < 0.0:
+            weights -= room[i]
+            demand -= room[i] * b[i]
+            for k in range(lower.size):
+                row[k] -= room[i] * A[i, k]
+    for k in range(lower.size):
+        demand -= max(row[k] * lower[k], row[k] * upper[k])
+    return demand / weights if weights > 0.0 else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def obstacle_motion(
+    packed: Array, radius: Array, obstacles: Indices, reach: Array, twists: Array, rates: Array
+) -> None:
+    """Distance at which each row's body touches its obstacle, and how the obstacles move.
+
+    Args:
+        packed: shape (n_obstacles, ``PACKED_SIZE``), each :attr:`safety.obstacles.Obstacle.packed`.
+        radius: shape (n,) of each row's body [m].
+        obstacles: shape (n,) of each row.
+        reach: shape (n,) sum of the radii [m], written.
+        twists: shape (n_obstacles, 6) velocity of the body-fixed point at the world's origin [m/s], then angular
+            velocity [rad/s], written.
+        rates: shape (n_obstacles, 6) their rates where reference points keep their velocity and all keep their spin,
+            written.
+    """
+    for i in range(reach.size):
+        reach[i] = radius[i] + packed[obstacles[i], 18]
+    for j in range(packed.shape[0]):
+        p, v, w = packed[j, :3], packed[j, 19:22], packed[j, 22:25]
+        for k in range(3):
+            x, y = (k + 1) % 3, (k + 2) % 3
+            twists[j, k] = v[k] - (w[x] * p[y] - w[y] * p[x])
+            twists[j, 3 + k] = w[k]
+            rates[j, k] = w[y] * v[x] - w[x] * v[y]
+            rates[j, 3 + k] = 0.0
 
 
 @njit(cache=True, error_model="numpy")

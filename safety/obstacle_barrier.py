@@ -1,6 +1,7 @@
 """The barrier between the robot's collision bodies and obstacles."""
 
 from collections.abc import Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -12,11 +13,14 @@ from safety.barrier import CollisionBodies
 from safety.boxes import box_contacts, face_edges
 from safety.contacts import ENDS, ContactBarrier
 from safety.geometry import CLOSEST, END_A, START_A, half_space_contacts, segment_contacts
-from safety.kernels import contact_curvature, contact_drift
+from safety.kernels import contact_curvature, contact_drift, obstacle_motion
 from safety.obstacles import KINDS, PACKED_SIZE, Obstacle
 
 EDGES = (5, 6, 7, 8)
 """Contacts of a segment with the four edges of the box's face that it is over."""
+
+KIND_OF, NUMBERS_OF = attrgetter("kind"), attrgetter("packed")
+"""Of an obstacle."""
 
 LABELS = ENDS | {START_A: "start", END_A: "end"} | {e: f"edge {e - EDGES[0]}" for e in EDGES}
 """What the rows of a pair beside its distance are called."""
@@ -86,7 +90,8 @@ class ObstacleBarrier(ContactBarrier):
 
     def _make_buffers(self, count: int) -> None:
         self._known = count == 0
-        self._packed = np.zeros((count, PACKED_SIZE))
+        assert self.bodies is not None
+        self._radius = self.bodies.radius[self._a]
         self._position, self._direction, self._half_sizes = (np.zeros((count, 3)) for _ in range(3))
         self._rotation = np.zeros((count, 3, 3))
         self._twist, self._rate = np.zeros((count, 6)), np.zeros((count, 6))
@@ -105,23 +110,17 @@ class ObstacleBarrier(ContactBarrier):
         """
         if len(obstacles) != self.count:
             raise ValueError(f"{len(obstacles)} obstacles given, {self.count} announced")
-        for i, (o, kind) in enumerate(zip(obstacles, self.kinds, strict=True)):
-            if o.kind != kind:
-                raise ValueError(f"obstacle {i} is a {o.kind}, announced was a {kind}")
+        if (given := tuple(map(KIND_OF, obstacles))) != self.kinds:
+            i = next(i for i, kind in enumerate(given) if kind != self.kinds[i])
+            raise ValueError(f"obstacle {i} is a {given[i]}, announced was a {self.kinds[i]}")
         if not obstacles:
             return
-        packed = self._packed
-        np.concatenate([o.packed for o in obstacles], out=packed.reshape(-1))
+        # their bytes one after the other: a fraction of the time of joining arrays
+        packed = np.frombuffer(b"".join(map(NUMBERS_OF, obstacles))).reshape(-1, PACKED_SIZE)
         self._position[:], self._direction[:] = packed[:, :3], packed[:, 3:6]
         self._rotation.reshape(-1, 9)[:] = packed[:, 6:15]
         self._half_sizes[:] = packed[:, 15:18]
-        assert self.bodies is not None
-        np.add(self.bodies.radius[self._a], packed[self._o, 18], out=self._reach)
-        velocity, spin = packed[:, 19:22], packed[:, 22:25]
-        # velocity of the body-fixed point at the world's origin, and its rate where the reference point's is constant
-        self._twist[:, :3] = velocity - _cross(spin, self._position)
-        self._twist[:, 3:] = spin
-        self._rate[:, :3] = -_cross(spin, velocity)
+        obstacle_motion(packed, self._radius, self._o, self._reach, self._twist, self._rate)
         self._known = True
 
     def measure(self, kin: Kinematics, h: Array) -> None:
@@ -179,10 +178,3 @@ def further_features(kind: str, proper: bool) -> tuple[int, ...]:
     if not proper or kind == "sphere":
         return ()
     return {"capsule": tuple(ENDS), "box": (START_A, END_A, *EDGES), "half_space": (END_A,)}[kind]
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products (n, 3) of the rows of two arrays (n, 3); a fraction of the time of numpy's."""
-    x, y, z = a.T
-    u, v, w = b.T
-    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=1)

@@ -15,6 +15,22 @@ KINDS = ("sphere", "capsule", "box", "half_space")
 PACKED_SIZE = 25
 """Numbers in :attr:`Obstacle.packed`."""
 
+PARTS: dict[str, tuple[slice, tuple[int, ...]]] = {
+    "position": (slice(0, 3), (3,)),
+    "direction": (slice(3, 6), (3,)),
+    "rotation": (slice(6, 15), (3, 3)),
+    "half_sizes": (slice(15, 18), (3,)),
+    "velocity": (slice(19, 22), (3,)),
+    "spin": (slice(22, 25), (3,)),
+}
+"""Place and shape of each array in :attr:`Obstacle.packed`."""
+
+RADIUS = 18
+"""Place of the radius there."""
+
+ZERO, IDENTITY = np.zeros(3), np.eye(3)
+"""What is not given; copied, never handed out."""
+
 ORTHONORMAL_TOLERANCE = 1e-6
 """Largest entry by which a box's rotation times its transpose may differ from the identity."""
 
@@ -43,24 +59,31 @@ class Obstacle:
 
     kind: str
     position: Array
-    direction: Array = field(default_factory=lambda: np.zeros(3))
-    rotation: Array = field(default_factory=lambda: np.eye(3))
-    half_sizes: Array = field(default_factory=lambda: np.zeros(3))
+    direction: Array = field(default_factory=lambda: ZERO)
+    rotation: Array = field(default_factory=lambda: IDENTITY)
+    half_sizes: Array = field(default_factory=lambda: ZERO)
     radius: float = 0.0
-    velocity: Array = field(default_factory=lambda: np.zeros(3))
-    spin: Array = field(default_factory=lambda: np.zeros(3))
+    velocity: Array = field(default_factory=lambda: ZERO)
+    spin: Array = field(default_factory=lambda: ZERO)
     packed: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
         require_one_of("obstacle kind", self.kind, KINDS)
-        names = {"position": (3,), "direction": (3,), "rotation": (3, 3), "half_sizes": (3,), "velocity": (3,)}
-        for name, shape in (names | {"spin": (3,)}).items():
-            # a copy: the caller's array may go on to another place while this obstacle stays
-            object.__setattr__(self, name, _finite(name, getattr(self, name), shape))
-        self._check_size()
-        parts = (self.position, self.direction, self.rotation.ravel(), self.half_sizes)
-        packed = np.concatenate([*parts, [self.radius], self.velocity, self.spin])
+        packed = np.zeros(PACKED_SIZE)
         object.__setattr__(self, "packed", packed)
+        for name, (place, shape) in PARTS.items():
+            value = getattr(self, name)
+            if np.shape(value) != shape:
+                _finite(name, value, shape)
+            # a copy: the caller's array may go on to another place while this obstacle stays
+            part = packed[place] if len(shape) == 1 else packed[place].reshape(shape)
+            part[:] = value
+            object.__setattr__(self, name, part)
+        if not math.isfinite(np.add.reduce(packed)):
+            for name, (_, shape) in PARTS.items():
+                _finite(name, getattr(self, name), shape)
+        self._check_size()
+        packed[RADIUS] = self.radius
 
     def _check_size(self) -> None:
         if self.kind in ("sphere", "capsule"):
@@ -75,7 +98,7 @@ class Obstacle:
             length = math.hypot(*self.direction)
             if length == 0:
                 raise ConfigError("obstacle normal", self.direction.tolist(), "a vector of some length")
-            object.__setattr__(self, "direction", self.direction / length)
+            self.direction[:] /= length
 
     @staticmethod
     def sphere(center: Array, radius: float, velocity: Array | None = None) -> "Obstacle":
@@ -126,7 +149,7 @@ class Obstacle:
 
 
 def _given(vector: Array | None) -> Array:
-    return np.zeros(3) if vector is None else vector
+    return ZERO if vector is None else vector
 
 
 def _finite(name: str, value: Array, shape: tuple[int, ...]) -> Array:

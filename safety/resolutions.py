@@ -1,17 +1,18 @@
 """Resolutions: which input is taken, given the conditions."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from robots.messages import Array, Indices, Mask
 from safety.infeasibility import Candidates
+from safety.kernels import add_violated, least_shortfall, next_to_immovable, seat
 from safety.rows import BarrierRows, HalfSpaces
 from wbc.qp import UNBOUNDED, QpSolver, make_solver
 
-CAPACITIES = (32, 128)
+CAPACITIES = (16, 32, 64, 128)
 """Sizes of the small solvers, in rows; above them one for all rows."""
 
 BEYOND = 1e-9
@@ -24,6 +25,15 @@ SLACK_PULL = 1e-8
 """Weight of the nominal velocity while the least slack is sought: it makes the velocity unique.
 
 It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
+
+LEVER = 1e-4
+"""A row that changes over the bounds' range by less than this share of it [m/rad] is next to immovable,"""
+
+EASE = 1e-3
+"""and given up where the best input would ease it by less than this share of what it would still be short of."""
+
+CERTAIN = 1e-7
+"""Conditions certainly cannot hold where every input violates one by more than this [m/s, rad/s]."""
 
 RANK = 1e-9
 """Share of the largest singular value below which a direction of a point's motion counts as out of reach."""
@@ -80,6 +90,20 @@ class Resolution(Protocol):
         ...
 
 
+class Optimum(NamedTuple):
+    """What a working set found.
+
+    Attributes:
+        v: shape (nv,) the optimum; ``None`` where there is none.
+        working: the rows that the solver saw last.
+        room: shape (n_rows,) by how much each row holds at v; empty where there is none.
+    """
+
+    v: Array | None
+    working: Indices
+    room: Array
+
+
 class WorkingSetQp:
     r"""The input nearest to the nominal one, by a solver that sees only the rows that matter.
 
@@ -98,32 +122,30 @@ class WorkingSetQp:
         self._sizes = [c for c in CAPACITIES if c < n_rows] + [n_rows]
         self._solvers: dict[int, _SizedSolver] = {}
         self._last: Indices = np.zeros(0, dtype=np.intp)
+        self._working: Indices = np.zeros(0, dtype=np.intp)
 
-    def solve(self, problem: Problem, b: Array, scale: Array | None = None) -> tuple[Array | None, Indices]:
+    def solve(self, problem: Problem, b: Array, scale: Array | None = None, start: Indices | tuple[()] = ()) -> Optimum:
         """Solve one problem.
 
         Args:
             problem: all but the conditions' right-hand sides.
             b: shape (n_rows,) right-hand sides.
             scale: shape (n_rows,) factor on each row, so that its weight is ``w scale^2``; ``None`` for 1.
-
-        Returns:
-            The optimum (nv,), ``None`` where there is none, and the rows that the solver saw last.
+            start: further rows to start from.
         """
-        A = problem.spaces.A
+        A, room = np.ascontiguousarray(problem.spaces.A), np.empty(b.size)
         chosen = problem.violated.copy()
         chosen[self._last] = problem.spaces.active[self._last]
+        if len(start):
+            chosen[start] = True
         while True:
-            working = np.flatnonzero(chosen)
+            working = self._working = seat(self._working, chosen)
             v = self._solve_for(problem, A[working], b[working], None if scale is None else scale[working])
             if v is None:
-                return None, working
-            gap = A @ v - b
-            new = (gap < -BEYOND) & ~chosen
-            if not new.any():
-                self._last = working[gap[working] < BEYOND]
-                return v, working
-            chosen |= new
+                return Optimum(None, working, np.zeros(0))
+            if not add_violated(A, v, b, BEYOND, chosen, room):
+                self._last = working[room[working] < BEYOND]
+                return Optimum(v, working, room)
 
     def _solve_for(self, problem: Problem, A: Array, b: Array, scale: Array | None) -> Array | None:
         """The optimum for these rows alone."""
@@ -142,22 +164,23 @@ class _SizedSolver:
         weights = None if slack_weight is None else np.full(size, slack_weight)
         self._qp: QpSolver = make_solver("daqp", nv, size, weights)
         self._nv = nv
-        self._rows = np.zeros((size, nv))
+        # a row that is not in use is a bounded variable, out of reach
+        self._idle = np.eye(1, nv)
+        self._rows = np.tile(self._idle, (size, 1))
         self._lower, self._upper = np.full(nv + size, -UNBOUNDED), np.full(nv + size, UNBOUNDED)
+        self._used = 0
 
     def solve(self, problem: Problem, A: Array, b: Array) -> Array | None:
         n, m = self._nv, b.size
         self._rows[:m] = A
-        # a row that is not in use is a bounded variable, out of reach
-        self._rows[m:] = 0.0
-        self._rows[m:, 0] = 1.0
+        if m < self._used:
+            self._rows[m : self._used] = self._idle
+            self._lower[n + m : n + self._used] = -UNBOUNDED
+        self._used = m
         self._lower[:n], self._upper[:n] = problem.lower, problem.upper
-        self._lower[n : n + m], self._lower[n + m :] = b, -UNBOUNDED
-        data = (problem.hessian, -problem.hessian @ problem.v_des, self._rows, self._lower, self._upper)
-        solution = self._qp.solve(*data)
-        if solution.status == "failed":
-            # once more, without the active set of the last time
-            solution = self._qp.solve(*data)
+        self._lower[n : n + m] = b
+        gradient = -(problem.hessian @ problem.v_des)
+        solution = self._qp.solve(problem.hessian, gradient, self._rows, self._lower, self._upper)
         if solution.status != "optimal":
             return None
         return np.minimum(np.maximum(solution.x, problem.lower), problem.upper)
@@ -174,6 +197,13 @@ class NearestQp:
     Where the conditions can hold s* is zero, so the first phase is done only where they cannot. Source: eqs. (12),
     (13) of the p-SSA paper with p = 2 and unit weights; eq. (33) of Lee et al. where the conditions can hold.
 
+    A row that cannot hold and that nothing moves to speak of (``LEVER``, ``EASE``) is left out and stays violated:
+    its compromise with the others would be full speed for next to nothing. Should rounding leave the second phase
+    without an answer, that of the first is taken.
+
+    After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
+    slack does not prove that they cannot: the answer is the same, only sooner.
+
     ``unsafe_pass_nominal`` returns the nominal input, clipped to its bounds: the naive baseline of sec. V-C there.
     """
 
@@ -184,23 +214,42 @@ class NearestQp:
         self._hard = WorkingSetQp(nv, n_rows)
         self._soft = WorkingSetQp(nv, n_rows, 1 / SLACK_PULL)
         self._relaxed = WorkingSetQp(nv, n_rows)
+        self._conflict = False
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
-        spaces = problem.spaces
-        v, working = self._hard.solve(problem, spaces.b)
-        if v is not None:
-            return Resolved(v)
-        candidates = _copy(problem, working)
+        if self._conflict:
+            return self._compromise(problem, tried=False)
+        hard = self._hard.solve(problem, problem.spaces.b)
+        if hard.v is not None:
+            return Resolved(hard.v)
         if self._pass_nominal:
-            return Resolved(problem.clipped(), True, candidates)
-        plain = replace(problem, v_des=problem.clipped(), hessian=self._identity)
-        least, _ = self._soft.solve(plain, spaces.b)
-        if least is None:
+            return Resolved(problem.clipped(), True, _copy(problem, hard.working))
+        return self._compromise(problem, tried=True)
+
+    def _compromise(self, problem: Problem, tried: bool) -> Resolved:
+        """Both phases; ``tried``: whether it is known that not all conditions can hold."""
+        A, b, bounds = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, (problem.lower, problem.upper)
+        lost = next_to_immovable(A, b, *bounds, LEVER, EASE)
+        if lost.size:
+            b = b.copy()
+            b[lost] = -UNBOUNDED
+        nearby = Problem(problem.spaces, problem.clipped(), self._identity, *bounds, problem.violated)
+        soft = self._soft.solve(nearby, b)
+        proven = soft.v is not None and least_shortfall(A, b, *bounds, soft.room) > CERTAIN
+        if not proven and (lost.size or not tried):
+            hard = self._hard.solve(problem, b)
+            if hard.v is not None:
+                self._conflict = lost.size > 0
+                return Resolved(hard.v, False, _copy(problem, hard.working, lost) if lost.size else None)
+        self._conflict = True
+        candidates = _copy(problem, soft.working, lost)
+        if soft.v is None:
             return Resolved(None, False, candidates)
-        slack = np.maximum(0.0, spaces.b - spaces.A @ least)
-        v, _ = self._relaxed.solve(problem, spaces.b - slack - SLACK_ROUNDING * (slack > 0))
-        return Resolved(v, False, candidates)
+        short, b = np.flatnonzero(soft.room < 0), b.copy()
+        b[short] += soft.room[short] - SLACK_ROUNDING
+        nearest = self._relaxed.solve(problem, b, start=short).v
+        return Resolved(soft.v if nearest is None else nearest, False, candidates)
 
 
 class SlackQp:
@@ -221,8 +270,8 @@ class SlackQp:
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
-        v, working = self._qp.solve(problem, problem.spaces.b, self._scale)
-        return Resolved(v, False, _copy(problem, working))
+        found = self._qp.solve(problem, problem.spaces.b, self._scale)
+        return Resolved(found.v, False, _copy(problem, found.working))
 
 
 class CartesianPush:
@@ -274,7 +323,9 @@ def _pushed(problem: Problem, push: Callable[[int], Array]) -> Resolved:
     return Resolved(np.clip(v, problem.lower, problem.upper))
 
 
-def _copy(problem: Problem, working: Indices) -> Candidates:
-    """The rows that a solver saw, kept for later."""
+def _copy(problem: Problem, working: Indices, lost: Indices | tuple[()] = ()) -> Candidates:
+    """The rows that a solver saw and those it was not shown, kept for later."""
+    if len(lost):
+        working = np.union1d(working, lost)
     A, b = problem.spaces.A[working], problem.spaces.b[working]
     return Candidates(working, A, b, problem.lower, problem.upper)

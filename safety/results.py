@@ -8,6 +8,7 @@ import numpy as np
 
 from robots.messages import Array, Indices
 from safety.infeasibility import Candidates, minimal_conflict
+from safety.kernels import SINGLE_THREADED
 from safety.rows import HalfSpaces
 
 ACTIVE = 1e-6
@@ -68,7 +69,11 @@ class FilterResult:
 
 
 def report(
-    v: Array, status: FilterStatus, spaces: HalfSpaces, cause: str = "", candidates: Candidates | None = None
+    v: Array,
+    status: FilterStatus,
+    spaces: HalfSpaces,
+    cause: str = "",
+    candidates: Candidates | None = None,
 ) -> FilterResult:
     """What an input does to the conditions, whatever a solver said.
 
@@ -79,18 +84,30 @@ def report(
         cause: see :class:`FilterResult`.
         candidates: likewise; kept only where ``v`` violates a condition.
     """
-    gap = spaces.A @ v - spaces.b
+    gap = _room(spaces.A, v, spaces.b)
     if gap.size == 0:
         return FilterResult(v, status, 0.0, -1, 0, cause=cause)
     worst = int(gap.argmin())
     slack = max(0.0, -float(gap[worst]))
-    active = int(np.count_nonzero(gap < ACTIVE))
+    close = np.flatnonzero(gap < ACTIVE)
+    active = close.size
     if slack <= RELAXED:
         return FilterResult(v, status, slack, worst if slack > 0 else -1, active, cause=cause)
-    relaxed = np.flatnonzero(gap < -RELAXED)
+    relaxed = close[gap[close] < -RELAXED]
     if status == FilterStatus.FILTERED:
         status = FilterStatus.RELAXED
     return FilterResult(v, status, slack, worst, active, relaxed, -gap[relaxed], cause, candidates)
+
+
+def _room(A: Array, v: Array, b: Array) -> Array:
+    """A v - b, by numpy, as anybody would check it; in blocks that are too small for BLAS to start threads."""
+    out = np.empty(b.size)
+    # a multiple of what BLAS takes at a time, so that the rounding does not depend on the blocks
+    block = max(16, SINGLE_THREADED // max(1, v.size) // 16 * 16)
+    for i in range(0, b.size, block):
+        A[i : i + block].dot(v, out=out[i : i + block])
+    out -= b
+    return out
 
 
 def explain(result: FilterResult, labels: Sequence[str]) -> str:

@@ -7,6 +7,7 @@ from typing import Literal, Protocol
 import daqp
 import numpy as np
 import proxsuite
+from numba import njit, types
 
 from robots.checks import require_one_of
 from robots.errors import ConfigError
@@ -29,6 +30,13 @@ SETTINGS = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_lim
 
 SHORT, NOTHING = 1e-8, 1e-30
 """Rows with a squared length between these are given to daqp at unit length: it has those below 1e-11 for zero."""
+
+VECTOR = types.Array(types.float64, 1, "C", readonly=True)
+MATRIX = types.Array(types.float64, 2, "C", readonly=True)
+"""Types of a kernel that is compiled at import, not when it is first needed."""
+
+SOUND, BROKEN, CROSSED, WITH_SHORT_ROWS = 0, 1, 2, 3
+"""What a look at a problem finds."""
 
 SOFT = 8
 """How daqp is told that a row may be violated."""
@@ -125,14 +133,15 @@ class DaqpSolver:
         """Solve one problem; see :meth:`QpSolver.solve`."""
         if not self.m:
             rows = self._no_rows
-        squared = np.vecdot(rows, rows)
-        if not _finite(hessian, gradient, squared, lower, upper):
+        kind = _inspect(*map(np.ascontiguousarray, (hessian, gradient, rows, lower, upper)))
+        if kind == BROKEN:
             return self._unsolved("failed")
-        if (lower > upper).any():
+        if kind == CROSSED:
             return self._unsolved("infeasible")
-        short = (squared < SHORT) & (squared > NOTHING)
-        if short.any():
-            return self._solve_stretched(hessian, gradient, rows, lower, upper, np.where(short, squared, 1.0) ** -0.5)
+        if kind == WITH_SHORT_ROWS:
+            squared = np.vecdot(rows, rows)
+            squared[(squared >= SHORT) | (squared <= NOTHING)] = 1.0
+            return self._solve_stretched(hessian, gradient, rows, lower, upper, squared**-0.5)
         if not isinstance(self._factors, float):
             self._set_factors(1.0)
         return self._solve(hessian, gradient, rows, lower, upper)
@@ -228,6 +237,28 @@ class ProxqpSolver:
 
     def _unsolved(self, status: QpStatus) -> QpSolution:
         return QpSolution(np.zeros(self.n), np.zeros(self.n + self.m), status, 0)
+
+
+@njit(types.int64(MATRIX, VECTOR, MATRIX, VECTOR, VECTOR), cache=True, error_model="numpy")
+def _inspect(hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> int:
+    """What is the matter with a problem: numbers that are not finite, else limits that cross, else short rows."""
+    total, crossed, short = 0.0, False, False
+    for x in hessian.flat:
+        total += x
+    for i in range(gradient.size):
+        total += gradient[i]
+    for i in range(lower.size):
+        total += lower[i] + upper[i]
+        crossed |= lower[i] > upper[i]
+    for i in range(rows.shape[0]):
+        squared = 0.0
+        for k in range(rows.shape[1]):
+            squared += rows[i, k] * rows[i, k]
+        total += squared
+        short |= NOTHING < squared < SHORT
+    if not math.isfinite(total):
+        return BROKEN
+    return CROSSED if crossed else WITH_SHORT_ROWS if short else SOUND
 
 
 def _finite(*arrays: Array) -> bool:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import distance_plots, plot_style, plots, report
+from experiments import distance_plots, plot_style, report
 from experiments.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
 from experiments.plots import joint_groups
 from experiments.report import verdict, write_report

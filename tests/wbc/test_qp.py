@@ -466,3 +466,57 @@ def test_bad_slack_weights_are_refused(weights: Array) -> None:
 def test_only_daqp_has_soft_rows() -> None:
     with pytest.raises(ConfigError, match="daqp"):
         make_solver("proxqp", 2, 3, np.ones(3))
+
+
+@pytest.mark.parametrize("length", [1e-4, 3e-6, 1e-7, 1e-10])
+def test_rows_count_however_short_they_are(length: float) -> None:
+    rng = np.random.default_rng(40)
+    solver = make_solver("daqp", 5, 8)
+    for i in range(40):
+        hessian, gradient, rows, lower, upper = problem = random_problem(rng, "one_sided", 5, 8)
+        expected = least_distance(problem)
+        factor = np.where(rng.random(8) < (0.5 if i % 2 else 0.0), length, 1.0)
+        lower, upper = lower.copy(), upper.copy()
+        for side in (lower, upper):
+            side[5:] = np.where(np.abs(side[5:]) < UNBOUNDED, side[5:] * factor, side[5:])
+        rows = rows * factor[:, None]
+        solution = solver.solve(hessian, gradient, rows, lower, upper)
+        assert solution.status == "optimal"
+        np.testing.assert_allclose(solution.x, expected, rtol=0, atol=1e-6)
+        stationarity = hessian @ solution.x + gradient + solution.multipliers @ np.vstack([np.eye(5), rows])
+        np.testing.assert_allclose(stationarity, 0.0, rtol=0, atol=1e-7)
+
+
+def test_a_short_row_that_cannot_hold_is_infeasible() -> None:
+    rows, lower = np.array([[2e-6, 0.0]]), np.array([-10.0, -10.0, 2.1e-5])
+    solution = make_solver("daqp", 2, 1).solve(np.eye(2), np.zeros(2), rows, lower, np.array([10.0, 10.0, UNBOUNDED]))
+    assert solution.status == "infeasible"
+
+
+@pytest.mark.parametrize("length", [1.0, 1e-5, 2e-6, 1e-8])
+def test_violation_of_a_soft_row_costs_the_same_however_short_it_is(length: float) -> None:
+    """One row a: x = x0 + w s a with s = (b - a x0) / (1 + w |a|^2)."""
+    rng = np.random.default_rng(41)
+    weight = 1e8
+    solver = make_solver("daqp", 3, 2, np.full(2, weight))
+    for i in range(20):
+        # by turns an ordinary row: what was said of the short one must not stay
+        a, x0 = rng.normal(size=3) * (length if i % 2 else 1.0), rng.normal(size=3)
+        b = a @ x0 + rng.uniform(0.0, 1.0) * np.linalg.norm(a)
+        lower, upper = np.array([-50.0, -50, -50, b, -UNBOUNDED]), np.array([50.0, 50, 50, UNBOUNDED, UNBOUNDED])
+        solution = solver.solve(np.eye(3), -x0, np.stack([a, np.eye(3)[0]]), lower, upper)
+        slack = (b - a @ x0) / (1 + weight * a @ a)
+        assert solution.status == "optimal"
+        np.testing.assert_allclose(solution.x, x0 + weight * slack * a, rtol=0, atol=1e-8)
+        assert solution.multipliers[3] == pytest.approx(-weight * slack, rel=1e-6)
+
+
+@pytest.mark.parametrize("angle", [1e-6, 3e-6, 1e-5])
+def test_nearly_opposite_rows_that_can_hold_are_not_called_infeasible(angle: float) -> None:
+    """x >= 0 and -x - angle y >= angle / 3, so that (0, -1/3) is nearest to the origin."""
+    rows = np.array([[1.0, 0.0], [-1.0, -angle]])
+    lower, upper = np.array([-2.0, -2.0, 0.0, angle / 3]), np.array([2.0, 2.0, UNBOUNDED, UNBOUNDED])
+    solution = make_solver("daqp", 2, 2).solve(np.eye(2), np.zeros(2), rows, lower, upper)
+    assert solution.status == "optimal"
+    np.testing.assert_allclose(solution.x, [0.0, -1 / 3], rtol=0, atol=1e-4)
+    assert (rows @ solution.x >= lower[2:] - FEASIBILITY_TOLERANCE).all()

@@ -8,7 +8,10 @@ from safety.conditions import BarrierParameters
 from safety.results import FilterResult, FilterStatus, report
 from safety.rows import BarrierRows, HalfSpaces
 from safety.second_order import ecbf
-from wbc.dynwbc import DynWbcResult
+from wbc.dynwbc import DynWbc, DynWbcResult
+
+ROUNDING = 1e-9
+"""A velocity command this close to its bound [m/s, rad/s] counts as within it."""
 
 
 class AccelerationFilter:
@@ -29,26 +32,41 @@ class AccelerationFilter:
         """A velocity (nv,) within its bounds."""
         return np.clip(v, -self._v_max, self._v_max)
 
+    def joint_bounds(self, dynwbc: DynWbc, v: Array, dt: float) -> tuple[Array, Array]:
+        """Joint accelerations (nj,) at which the motors' velocity command reaches its bounds, at velocity ``v``."""
+        low, high = (dynwbc.acceleration_reference(bound, v, dt) for bound in (-self._v_max, self._v_max))
+        return low[6:], high[6:]
+
     def conditions(self, rows: BarrierRows, v: Array) -> HalfSpaces:
         """Conditions on the acceleration at rows with curvature and measured velocity ``v`` (nv,)."""
         return ecbf(rows, v, self._parameters.of_rows(rows.family))
 
-    def result(self, v: Array, conditions: HalfSpaces, dynamic: DynWbcResult) -> FilterResult:
-        """What became of the conditions.
+    def result(
+        self, dynwbc: DynWbc, conditions: HalfSpaces, dynamic: DynWbcResult, v: Array, dt: float
+    ) -> FilterResult:
+        """The velocity command that belongs to DynWBC's acceleration, and what it means for the conditions.
 
         Args:
-            v: shape (nv,) the velocity command that goes to the motors.
+            dynwbc: knows how velocity command and acceleration belong together.
             conditions: of this tick.
             dynamic: DynWBC's result.
+            v: shape (nv,) measured velocity.
+            dt: control period [s].
 
         Returns:
-            The velocity command, with slack, active and relaxed conditions of the acceleration [m/s^2, rad/s^2];
+            The velocity command, joints within their bounds (the base's part follows from the acceleration: no motor is
+            told), with slack, active and relaxed conditions of the acceleration that it asks for [m/s^2, rad/s^2];
             ``UNCHANGED`` where no condition is active. ``FAILED`` where a number is not finite or DynWBC has no
             solution.
         """
-        if dynamic.status != "optimal" or not all_finite(v, conditions.b):
+        command = dynwbc.velocity_command(dynamic.acceleration, v, dt)
+        if dynamic.status != "optimal" or not all_finite(command, conditions.b):
             cause = "no acceleration satisfies the contacts and the torque limits"
             return FilterResult(np.zeros(v.size), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-        found = report(dynamic.acceleration, FilterStatus.FILTERED, conditions)
+        bounded = np.concatenate([command[:6], self.velocity(command)[6:]])
+        asked = dynamic.acceleration
+        if not np.allclose(bounded, command, rtol=0.0, atol=ROUNDING):
+            asked = dynwbc.acceleration_reference(bounded, v, dt)
+        found = report(asked, FilterStatus.FILTERED, conditions)
         status = found.status if found.active else FilterStatus.UNCHANGED
-        return FilterResult(v, status, found.slack, found.worst_row, found.active, found.relaxed, found.shortfall)
+        return FilterResult(bounded, status, found.slack, found.worst_row, found.active, found.relaxed, found.shortfall)

@@ -183,14 +183,17 @@ class WholeBodyController:
         contact_bias = None
         if self.config.dynwbc.contact > 0:
             contact_bias = contact_bias_acceleration(kin, self.dynwbc.frame_ids)
-        spaces = None if self.acceleration_filter is None else self.acceleration_filter.conditions(rows, state.v)
-        conditions = None if spaces is None else (spaces.A, spaces.b)
-        problem = self.dynwbc.build(kin, acceleration, wrench, reference.in_contact, contact_bias, conditions)
+        spaces, conditions, bounds = None, None, None
+        if self.acceleration_filter is not None:
+            spaces = self.acceleration_filter.conditions(rows, state.v)
+            conditions = (spaces.A, spaces.b)
+            bounds = self.acceleration_filter.joint_bounds(self.dynwbc, state.v, dt)
+        in_contact = reference.in_contact
+        problem = self.dynwbc.build(kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds)
         marks.append(self._clock())
         dynamic = self.dynwbc.solve(problem)
         if self.acceleration_filter is not None and spaces is not None:
-            v = self.acceleration_filter.velocity(self.dynwbc.velocity_command(dynamic.acceleration, state.v, dt))
-            safety = self.acceleration_filter.result(v, spaces, dynamic)
+            safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
         marks.append(self._clock())
         command = MotorCommand(
             state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp

@@ -171,7 +171,7 @@ def run(
         "robot": robot.name,
         "filter": control.filter,
         "mass_scale": options.plant.mass_scale,
-        "alpha": None if control.filter == "none" else control.safety.self_collision.alpha,
+        "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
         "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
         "seed": options.seed,
         "stop_cause": supervisor.cause,

@@ -185,6 +185,7 @@ class DynWbc:
         in_contact: Mask,
         contact_bias: Array | None = None,
         conditions: tuple[Array, Array] | None = None,
+        joint_bounds: tuple[Array, Array] | None = None,
     ) -> DynWbcProblem:
         """Assemble the reduced QP.
 
@@ -195,6 +196,8 @@ class DynWbc:
             in_contact: shape (n,) bool; the wrench of a foot that is not in contact is held at zero.
             contact_bias: shape (6 n,) J_c_dot q_dot in sole axes; used with the soft contact term only.
             conditions: A (k, nv) and b (k,) of A q_ddot >= b, as many as announced.
+            joint_bounds: lower and upper bound of the joints' accelerations, (nj,) each [rad/s^2]; given up where
+                contacts and torques cannot keep them.
 
         Returns:
             The problem and the maps back to base acceleration and torques.
@@ -226,6 +229,8 @@ class DynWbc:
         if w.contact > 0:
             self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
         lower, upper = self._bounds(in_contact, torque_map[1])
+        if joint_bounds is not None:
+            lower[:nj], upper[:nj] = joint_bounds
         self._rows[self._hard - nj : self._hard] = torque_map[0]
         self._add_conditions(conditions, base_map, lower)
         return DynWbcProblem(hessian, gradient, self._rows, lower, upper, base_map, torque_map)
@@ -291,13 +296,16 @@ class DynWbc:
     def _relaxed(self, problem: DynWbcProblem) -> QpSolution:
         """The optimum with the conditions lowered by their least sum of squared violations."""
         hessian, gradient = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
-        least = self._least_slack.solve(hessian, gradient, problem.rows, problem.lower, problem.upper)
+        lower, upper, count = problem.lower.copy(), problem.upper.copy(), self._condition_count
+        least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
+        if least.status != "optimal":
+            lower[: self.nj], upper[: self.nj] = -UNBOUNDED, UNBOUNDED
+            least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
         if least.status != "optimal":
             return least
-        lower, count = problem.lower.copy(), self._condition_count
         violation = lower[-count:] - problem.rows[-count:] @ least.x
         lower[-count:] -= np.maximum(violation, 0.0) + SLACK_ROUNDING
-        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, problem.upper)
+        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, upper)
 
 
 def contact_bias_acceleration(kin: Kinematics, frame_ids: Sequence[int]) -> Array:

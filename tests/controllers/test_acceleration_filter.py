@@ -102,16 +102,29 @@ def test_the_motors_are_told_the_velocity_that_gives_this_acceleration(name: str
     np.testing.assert_allclose(asked[6:], result.dynwbc.acceleration[6:], rtol=0, atol=1e-8)
 
 
-def test_velocity_bounds_hold(name: str) -> None:
-    controller, reference = ready(name, "ecbf", velocity_scale=0.02, base_linear=0.01, base_angular=0.01)
+@pytest.mark.parametrize(("scale", "speed"), [(0.003, 0.02), (0.02, 3.0)])
+def test_velocity_bounds_hold_and_the_report_is_that_of_the_bounded_command(
+    name: str, scale: float, speed: float
+) -> None:
+    """At 0.02 rad/s the motors can keep to the bounds; at 3 rad/s nothing can, and the command is cut."""
+    controller, reference = ready(name, "ecbf", velocity_scale=scale)
     hands_into_torso(reference)
-    state = moving_state(controller, np.random.default_rng(3), 3.0)
+    state = moving_state(controller, np.random.default_rng(3), speed)
     controller.reset(state)
     result = controller.tick(state, reference)
-    bounds = 0.02 * controller.robot.joint_array("velocity")
+    bounds = scale * controller.robot.joint_array("velocity")
     assert (np.abs(result.command.v) <= bounds).all()
-    assert (np.abs(result.safety.v[:6]) <= 0.01).all()
-    assert (np.abs(result.command.v) == bounds).any()
+    assert (np.abs(result.command.v) > bounds - 1e-9).any()
+    rows = controller.barriers.evaluate(controller.kin, second_order=True)
+    assert controller.acceleration_filter is not None
+    spaces = controller.acceleration_filter.conditions(rows, state.v)
+    asked = controller.dynwbc.acceleration_reference(result.safety.v, state.v, controller.config.dt)
+    assert result.safety.slack == pytest.approx(max(0.0, float((spaces.b - spaces.A @ asked).max())), abs=1e-6)
+    if speed == 0.02:
+        joints = result.dynwbc.acceleration[6:]
+        told = controller.dynwbc.velocity_command(result.dynwbc.acceleration, state.v, controller.config.dt)[6:]
+        assert (np.abs(told) <= bounds + 1e-9).all()
+        assert np.abs(joints).max() > 0.1
 
 
 def test_conditions_that_no_torque_can_meet_are_relaxed_and_reported(name: str) -> None:

@@ -52,19 +52,15 @@ class SphereTracker:
         return self.tracks[index].measure(position, stamp)
 
     def fault(self, stamp: float) -> str | None:
-        """Which track is too old to be used at ``stamp`` [s], in words; ``None`` where all are fresh."""
-        for i, track in enumerate(self.tracks):
-            if not track.age(stamp) <= track.settings.max_age:
-                return (
-                    f"track of obstacle {i} is {track.age(stamp):.3g} s old, allowed are {track.settings.max_age:g} s"
-                )
-        return None
+        """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""
+        faults = (track.fault(stamp) for track in self.tracks)
+        return next((f"track of obstacle {i} is {fault}" for i, fault in enumerate(faults) if fault), None)
 
     def obstacles(self, stamp: float) -> list[Obstacle]:
         """The spheres predicted to ``stamp`` [s].
 
         Raises:
-            ConfigError: a track is too old; :meth:`fault` tells beforehand.
+            ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
         """
         out = []
         for radius, track in zip(self._radii, self.tracks, strict=True):

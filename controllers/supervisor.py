@@ -34,13 +34,18 @@ class Supervisor:
 
     Two ways to stop, both latched, both with the first cause kept:
 
-    - *Blind*: where the state cannot be one, the same old state keeps coming, a command is not finite, or a solver has
-      not answered for ``MAX_FAILURES`` ticks (its last torques hold meanwhile). Nothing is computed any more: motors
-      hold their last set-points, feed-forward torques and gains for ``HOLD_TIME``, then torques and position gains
-      fade over ``FADE_TIME`` and the velocity gains brake what is left. No biped stands for long without its state:
-      this gives a person time, and lets the robot down instead of dropping it.
+    - *Blind*: where the state cannot be one, the same old state keeps coming, the controller refuses what it is given,
+      a command is not finite, or a solver has not answered for ``MAX_FAILURES`` ticks (its last torques hold
+      meanwhile). Nothing is computed any more: motors hold their last set-points, feed-forward torques and gains for
+      ``HOLD_TIME``, then torques and position gains fade over ``FADE_TIME`` and the velocity gains brake what is left.
+      No biped stands for long without its state: this gives a person time, and lets the robot down instead of dropping
+      it.
     - *Holding* (:meth:`hold`): where the state is sound but the task cannot go on, a lost obstacle for example. The
       references freeze where they are and the controller goes on keeping balance, with the obstacles last known.
+
+    How old a state is, nothing here can tell: its stamp is the only clock of a tick. Noticed is a stamp that stands
+    still or goes back; a state that arrives late, but in order, is for whoever reads the sensors to refuse. For the
+    same reason the filter's ``age`` is left at zero.
 
     Attributes:
         controller: the controller that is watched.
@@ -69,7 +74,9 @@ class Supervisor:
     ) -> tuple[MotorCommand, TickResult | None]:
         """Command for a measured state, and the controller's result; ``None`` once blindly stopped.
 
-        While holding, ``reference`` and ``obstacles`` are not read.
+        While holding, ``reference`` and ``obstacles`` are not read. What the controller refuses with a ``ValueError``
+        (obstacles of another kind than announced, missing hands) or cannot decompose stops the robot, with the words
+        of the error as the cause: the motors get a command in every tick.
         """
         fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
         if fault is not None:
@@ -82,7 +89,11 @@ class Supervisor:
             expected = self.controller.obstacle_count
             self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
             return self._fading_command(state.stamp), None
-        result = self.controller.tick(state, reference, obstacles)
+        try:
+            result = self.controller.tick(state, reference, obstacles)
+        except (ValueError, np.linalg.LinAlgError) as error:
+            self._stop_blindly(f"the controller gives no command: {error}", state.stamp)
+            return self._fading_command(state.stamp), None
         self._obstacles = [o.at_rest() for o in obstacles]
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._stop_blindly("the controller's command is not finite", state.stamp)

@@ -1,4 +1,4 @@
-"""What one run leaves behind, and the folder it is kept in. Imports nothing heavy."""
+"""What one run leaves behind, and the folder it is kept in. Imports neither simulator nor plots."""
 
 import json
 import math
@@ -17,6 +17,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array
+from safety.filters import KINDS
 from safety.rows import FAMILIES
 
 FILTER_STATUSES = ("unchanged", "filtered", "relaxed", "failed", "unsafe", "stopped")
@@ -26,9 +27,6 @@ STOPPED = FILTER_STATUSES.index("stopped")
 
 GUARANTEED = FAMILIES[:-1]
 """Constraint families whose barriers are recorded, in the order of the columns of ``gradient`` and ``h_bound``."""
-
-FILTER_TITLES = {"none": "no filter", "cbf": "CBF", "issf": "ISSf-CBF"}
-"""Filters as a reader knows them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +173,9 @@ def setting(config: Mapping[str, Any], name: str) -> Any:
 def filter_title(result: RunResult) -> str:
     """The filter of a run as a reader knows it, for example ``ISSf-CBF``."""
     chosen = setting(result.config, "filter")
-    return result.robot.title if chosen is None else FILTER_TITLES.get(chosen, str(chosen))
+    if chosen is None:
+        return result.robot.title
+    return KINDS[chosen].title if chosen in KINDS else str(chosen)
 
 
 def run_title(result: RunResult) -> str:

@@ -170,7 +170,8 @@ def box_contacts(
     """Contacts of segments, or of their ends alone, with boxes.
 
     Where the centre line is in the box the distance is minus the least translation out of it: continuous, with a kink
-    where two ways out are equally long.
+    where two ways out are equally long. An end alone has a way out of its own, which need not be that of its segment:
+    :func:`safety.box_faces.share_way_out` replaces it.
 
     Args:
         origin: shape (na, 3) starts of the segments [m].
@@ -216,43 +217,3 @@ def box_contacts(
         for k in range(3):
             out[k] = start[k] + (shift + s * share) * along[k]
             out[3 + k] = rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
-
-
-@njit(cache=True, error_model="numpy")
-def face_edges(
-    contacts: Array,
-    primary: Indices,
-    centres: Array,
-    rotations: Array,
-    half_sizes: Array,
-    boxes: Indices,
-    origins: Array,
-    directions: Array,
-) -> None:
-    """The four edges of the face that each contact's normal is most aligned with, as segments.
-
-    Args:
-        contacts: shape (n, ``safety.geometry.CONTACT_SIZE``).
-        primary: shape (k,) rows of contacts with boxes.
-        centres: shape (nb, 3) of the boxes [m].
-        rotations: shape (nb, 3, 3) the boxes' axes in their columns.
-        half_sizes: shape (nb, 3) [m].
-        boxes: shape (k,) the box of each contact.
-        origins: shape (4 k, 3) starts of the edges [m], written.
-        directions: shape (4 k, 3) from start to end [m], written.
-    """
-    for i in range(primary.size):
-        normal, rotation, e = contacts[primary[i], 3:6], rotations[boxes[i]], half_sizes[boxes[i]]
-        face, most, side = 0, -1.0, 1.0
-        for k in range(3):
-            along = normal[0] * rotation[0, k] + normal[1] * rotation[1, k] + normal[2] * rotation[2, k]
-            if abs(along) > most:
-                face, most, side = k, abs(along), (1.0 if along >= 0.0 else -1.0)
-        for j in range(4):
-            axis = (face + 1 + j // 2) % 3
-            other = 3 - face - axis
-            shift = e[other] if j % 2 else -e[other]
-            for r in range(3):
-                middle = centres[boxes[i], r] + side * e[face] * rotation[r, face] + shift * rotation[r, other]
-                directions[4 * i + j, r] = 2.0 * e[axis] * rotation[r, axis]
-                origins[4 * i + j, r] = middle - e[axis] * rotation[r, axis]

@@ -10,7 +10,8 @@ from robots.errors import UnknownNameError
 from robots.kinematics import Kinematics
 from robots.messages import Array, Indices
 from safety.barrier import CollisionBodies
-from safety.boxes import box_contacts, face_edges
+from safety.box_faces import face_edges, share_way_out
+from safety.boxes import box_contacts
 from safety.contacts import ENDS, ContactBarrier
 from safety.geometry import CLOSEST, END_A, START_A, half_space_contacts, segment_contacts
 from safety.kernels import contact_curvature, contact_drift, obstacle_motion
@@ -40,10 +41,26 @@ class ObstacleBarrier(ContactBarrier):
 
     - capsule obstacle: the four distances of an end of one to the other;
     - box: the distances of the capsule's two ends to the box, and those of its centre line to the four edges of the
-      face that it is over (the facing interval may end at an edge). Inside the box, where edges are no obstacle, the
-      latter repeat the first row;
+      face that it is over (the facing interval may end at an edge); other rows once the centre line is inside, see
+      below;
     - half-space: the first row is that of the start, the second that of the end. Only here is the distance of the pair
       the smaller of two rows.
+
+    Once a capsule's centre line reaches into a box, the shortest ways out of its ends may lead through opposite faces,
+    which no velocity can follow both. From there on all rows of the pair follow the way out of the whole, through the
+    face that the first row's normal is most aligned with. With :math:`\hat u` the outward normal of that face:
+
+    - an end that is over or below the face has its height :math:`h = \hat u^T (p_{end} - p_{face}) - \rho_A`;
+    - an edge of the face that the centre line crosses has the signed distance of the two lines, less the radius, along
+      the unit normal of both, turned so that it does not point into the box;
+    - what is neither, or would be deeper than the pair, repeats the first row.
+
+    So no row is deeper than the pair, and they cannot contradict each other: with d along the centre line and z along
+    :math:`\hat u`, a translation by (-sgn(d_x d_z), -sgn(d_y d_z), 1) raises every one of them by at least its length
+    over :math:`\sqrt 3`. They hold both ends of the part of the line that is below the face, so that the set of
+    conditions is continuous where the line becomes parallel to it, inside as outside. It changes abruptly where the way
+    out changes to another face, where part of a tilted line passes the face's rim, and where the centre line comes out:
+    what is beside the face gets its own distance back, while the capsule is still in the box by its whole radius.
 
     Source: eqs. (46)-(48) of Lee et al., which have spheres and capsules.
     """
@@ -78,15 +95,17 @@ class ObstacleBarrier(ContactBarrier):
         self._boxes = self._table[(kind == KINDS.index("box")) & ~edge]
         self._planes = self._table[kind == KINDS.index("half_space")]
         # every four edges belong to one pair, whose distance is among the first rows
-        self._edge_rows = self._table[edge, 0].reshape(-1, 4)
+        edge_rows = self._table[edge, 0].reshape(-1, 4)
         first = {(a, o): i for i, a, o, _ in self._table[: self._n_pairs]}
         pairs = [(a, o) for _, a, o, _ in self._table[edge][::4]]
         self._edge_primary = np.array([first[p] for p in pairs], dtype=np.intp)
         self._edge_boxes = np.array([o for _, o in pairs], dtype=np.intp)
         n = 4 * len(pairs)
         bodies = self._table[edge, 1]
-        self._edges = np.stack([self._edge_rows.ravel(), bodies, np.arange(n), np.full(n, CLOSEST)], axis=1)
+        self._edges = np.stack([edge_rows.ravel(), bodies, np.arange(n), np.full(n, CLOSEST)], axis=1)
         self._edge_origin, self._edge_direction = np.zeros((n, 3)), np.zeros((n, 3))
+        beside = [(i, first[a, o], a, o, f) for i, a, o, f in self._table[self._n_pairs :] if self.kinds[o] == "box"]
+        self._beside = np.array(beside, dtype=np.intp).reshape(-1, 5)
 
     def _make_buffers(self, count: int) -> None:
         self._known = count == 0
@@ -148,9 +167,7 @@ class ObstacleBarrier(ContactBarrier):
         edges = (self._edge_origin, self._edge_direction)
         face_edges(self.contacts, self._edge_primary, *boxes, self._edge_boxes, *edges)
         segment_contacts(*lines, *edges, self._edges, self.contacts)
-        inside = self.contacts[self._edge_primary, 6] <= 0
-        if inside.any():
-            self.contacts[self._edge_rows[inside]] = self.contacts[self._edge_primary[inside], None]
+        share_way_out(*lines, *boxes, self._beside, self.contacts)
 
     def write_drift(self, drift: Array) -> None:
         """See :meth:`safety.contacts.ContactBarrier.write_drift`."""

@@ -34,6 +34,8 @@ class TrackerSettings:
         initial_acceleration: standard deviation of the unknown initial acceleration of that model [m/s^2].
         gate: probability with which a measurement that agrees with the model is accepted, above 0; 1 accepts all.
         max_rejections: so many measurements in a row outside the gate restart the track from these, 1 or more.
+        max_ahead: a track that has come further than this beyond the asked stamp is refused [s]: sensor and
+            controller may differ by so much about what time it is.
     """
 
     position_noise: float = 0.005
@@ -45,9 +47,10 @@ class TrackerSettings:
     initial_acceleration: float = 1.0
     gate: float = 0.99999
     max_rejections: int = 5
+    max_ahead: float = 0.02
 
     def __post_init__(self) -> None:
-        positive = ("position_noise", "acceleration_noise", "initial_speed", "max_age", "jerk_noise")
+        positive = ("position_noise", "acceleration_noise", "initial_speed", "max_age", "jerk_noise", "max_ahead")
         for name in (*positive, "initial_acceleration"):
             require_positive(f"tracker {name}", getattr(self, name))
         require_one_of("tracker model", self.model, MODELS)
@@ -169,8 +172,19 @@ class ObstacleTrack:
         return self.nis > self._threshold
 
     def age(self, stamp: float) -> float:
-        """Time since the last accepted measurement [s]; infinite without one."""
+        """Time since the last accepted measurement [s]; infinite without one, below 0 for one stamped ahead."""
         return stamp - self._accepted_at
+
+    def fault(self, stamp: float) -> str | None:
+        """Why the track cannot be used at ``stamp`` [s], in words; ``None`` where it can."""
+        age, settings = self.age(stamp), self.settings
+        if not age <= settings.max_age:
+            return f"{age:.3g} s old, allowed are {settings.max_age:g} s"
+        # also what was rejected or missing moves the track on in time
+        ahead = self._time - stamp
+        if not ahead <= settings.max_ahead:
+            return f"{ahead:.3g} s ahead of the clock, allowed are {settings.max_ahead:g} s"
+        return None
 
     def estimate(self, stamp: float) -> tuple[Array, Array]:
         """Position (3,) [m] and velocity (3,) [m/s] predicted to ``stamp``; the track itself is left as it is.
@@ -178,11 +192,13 @@ class ObstacleTrack:
         A stamp before the last measurement gives the estimate at that measurement.
 
         Raises:
-            ConfigError: no measurement yet, or the last accepted one is older than ``max_age``.
+            ConfigError: no measurement yet, the last accepted one is older than ``max_age``, or the track is further
+                than ``max_ahead`` beyond ``stamp``.
         """
-        age = self.age(stamp)
-        if self._filter is None or not age <= self.settings.max_age:
-            raise ConfigError("age of the obstacle track", age, f"at most {self.settings.max_age:g} s")
+        if self._filter is None or self.fault(stamp) is not None:
+            s, age = self.settings, self.age(stamp)
+            allowed = f"at most {s.max_age:g} s, and at most {s.max_ahead:g} s ahead"
+            raise ConfigError("age of the obstacle track", stamp - self._time if age <= s.max_age else age, allowed)
         x = _transition(max(stamp - self._time, 0.0), self._order) @ self._filter.x
         return x[0], x[1]
 

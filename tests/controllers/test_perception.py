@@ -93,6 +93,39 @@ def test_a_stale_track_is_a_fault_by_its_number_and_an_error() -> None:
         tracker.obstacles(LAST + 0.15)
 
 
+@pytest.mark.parametrize("position", [STARTS[1], STARTS[1] + 50.0, None], ids=["agreeing", "outlier", "missing"])
+def test_a_track_from_the_future_is_a_fault_and_an_error(position: np.ndarray | None) -> None:
+    """A clock in other units or of another start: such a track would never grow old."""
+    tracker = observed(SphereTracker(RADII))
+    # rejected or missing, it moves the track on in time all the same
+    tracker.observe(1, position, 1000.0)
+    tracker.observe(0, STARTS[0] + RATES[0], 1.0)
+    fault = tracker.fault(1.0)
+    assert fault == "track of obstacle 1 is 999 s ahead of the clock, allowed are 0.02 s"
+    with pytest.raises(ConfigError, match="age of the obstacle track = -999"):
+        tracker.obstacles(1.0)
+
+
+def test_a_track_may_be_ahead_by_as_much_as_clocks_may_differ() -> None:
+    tracker = observed(SphereTracker(RADII, TrackerSettings(max_ahead=0.03)))
+    assert tracker.fault(LAST - 0.03 + 1e-9) is None
+    for obstacle, start, rate in zip(tracker.obstacles(LAST - 0.03 + 1e-9), STARTS, RATES, strict=True):
+        np.testing.assert_allclose(obstacle.position, start + LAST * rate, rtol=0, atol=1e-4)
+    fault = tracker.fault(LAST - 0.03 - 1e-9)
+    assert fault is not None
+    assert "obstacle 0 is 0.03 s ahead of the clock, allowed are 0.03 s" in fault
+    with pytest.raises(ConfigError, match=r"at most 0\.03 s ahead"):
+        tracker.obstacles(LAST - 0.03 - 1e-9)
+
+
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, -np.inf])
+def test_no_track_can_be_used_at_no_time(stamp: float) -> None:
+    tracker = observed(SphereTracker(RADII))
+    assert tracker.fault(stamp) is not None
+    with pytest.raises(ConfigError, match="age of the obstacle track"):
+        tracker.obstacles(stamp)
+
+
 def test_an_obstacle_never_seen_is_a_fault() -> None:
     fault = SphereTracker([0.1]).fault(0.0)
     assert fault is not None

@@ -1,6 +1,6 @@
 """The supervisor: what cannot be a state is named, a stop is latched and damped, single failures are outlived."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,6 +12,7 @@ from controllers.reference import PointReference, WholeBodyReference, reference_
 from controllers.supervisor import FADE_TIME, HOLD_TIME, LARGEST, MAX_FAILURES, Supervisor, describe_fault
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription
+from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
 from robots.pinocchio_model import standing_configuration
@@ -31,6 +32,12 @@ def supervised(robot: RobotDescription) -> tuple[Supervisor, WholeBodyReference]
     supervisor = Supervisor(WholeBodyController(robot, controller_config(robot), with_hands=False))
     supervisor.controller.reset(at_rest(robot))
     return supervisor, reference_here(supervisor.controller.kin, with_hands=False)
+
+
+def among_obstacles(robot: RobotDescription, kinds: tuple[str, ...]) -> tuple[Supervisor, WholeBodyReference]:
+    controller = WholeBodyController(robot, controller_config(robot), with_hands=False, obstacle_kinds=kinds)
+    controller.reset(at_rest(robot))
+    return Supervisor(controller), reference_here(controller.kin, with_hands=False)
 
 
 def finite(command: MotorCommand) -> bool:
@@ -175,6 +182,135 @@ def test_a_wrong_number_of_obstacles_stops_the_robot() -> None:
     _, result = supervisor.tick(at_rest(load_robot("g1")), reference, [far])
     assert result is None
     assert supervisor.cause == "1 obstacles are known, 0 expected"
+
+
+def passing_capsule(t: float) -> Obstacle:
+    """Far enough not to matter, moving and turning."""
+    start = np.array([3.0 - 0.4 * t, 0.5 * t, 1.0])
+    end = start + np.array([0.0, 0.2 + 0.1 * t, 0.3])
+    return Obstacle.capsule(start, end, 0.1, velocity=np.array([-0.4, 0.5, 0.0]), spin=np.array([0.1, 0.0, 0.7]))
+
+
+def test_holding_keeps_the_obstacles_last_known_at_rest(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    supervisor, reference = among_obstacles(robot, ("capsule",))
+    told: list[Obstacle] = []
+    tick = supervisor.controller.tick
+
+    def spy(state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle]) -> TickResult:
+        told.extend(obstacles)
+        return tick(state, reference, obstacles)
+
+    monkeypatch.setattr(supervisor.controller, "tick", spy)
+    times = (0.0, 0.1, 0.2)
+    for t in times:
+        supervisor.tick(at_rest(robot, t), reference, [passing_capsule(t)])
+    for obstacle, t in zip(told, times, strict=True):
+        np.testing.assert_array_equal(obstacle.packed, passing_capsule(t).packed)
+    told.clear()
+    supervisor.hold("the obstacle is lost", 0.3)
+    # whatever is believed from now on
+    for t, obstacles in ((0.3, []), (0.4, [passing_capsule(0.4)]), (0.5, [])):
+        _, result = supervisor.tick(at_rest(robot, t), reference, obstacles)
+        assert result is not None
+    last = passing_capsule(0.2)
+    assert len(told) == 3
+    for obstacle in told:
+        assert obstacle.radius == last.radius
+        np.testing.assert_array_equal(obstacle.position, last.position)
+        np.testing.assert_array_equal(obstacle.direction, last.direction)
+        np.testing.assert_array_equal(obstacle.velocity, 0.0)
+        np.testing.assert_array_equal(obstacle.spin, 0.0)
+    assert supervisor.cause == "the obstacle is lost"
+
+
+# --- what the controller refuses
+
+
+def assert_stopped_blindly(supervisor: Supervisor, sound: MotorCommand, stamp: float, tick: Any, cause: str) -> None:
+    """``tick`` ends in the sound command held at rest, for good, and under this cause."""
+    for _ in range(2):
+        command, result = tick()
+        assert result is None
+        assert finite(command)
+        assert command.stamp == stamp
+        np.testing.assert_array_equal(command.q, sound.q)
+        np.testing.assert_array_equal(command.tau, sound.tau)
+        np.testing.assert_array_equal(command.v, 0.0)
+        assert supervisor.cause == cause
+        assert supervisor.stopped_at == stamp
+
+
+def test_an_obstacle_of_another_kind_stops_the_robot(robot: RobotDescription) -> None:
+    supervisor, reference = among_obstacles(robot, ("sphere",))
+    far = Obstacle.sphere(np.array([9.0, 0.0, 0.0]), 0.1)
+    sound, _ = supervisor.tick(at_rest(robot), reference, [far])
+    cause = "the controller gives no command: obstacle 0 is a capsule, announced was a sphere"
+    state, strange = at_rest(robot, 0.1), passing_capsule(0.0)
+    assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference, [strange]), cause)
+    _, result = supervisor.tick(at_rest(robot, 0.2), reference, [far])
+    assert result is None
+
+
+def test_missing_hands_stop_the_robot(robot: RobotDescription) -> None:
+    supervisor = Supervisor(WholeBodyController(robot, controller_config(robot), with_hands=True))
+    supervisor.controller.reset(at_rest(robot))
+    reference = reference_here(supervisor.controller.kin, with_hands=True)
+    sound, _ = supervisor.tick(at_rest(robot), reference)
+    reference.hands = None
+    state = at_rest(robot, 0.1)
+    said = "the hands are tasks of this controller, but the reference gives none"
+    cause = f"the controller gives no command: {said}"
+    assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference), cause)
+
+
+@pytest.mark.parametrize(
+    "error",
+    [np.linalg.LinAlgError("Singular matrix"), ConfigError("alpha", -1.0, "above 0"), ValueError("no such thing")],
+    ids=lambda e: type(e).__name__,
+)
+@pytest.mark.parametrize("first", [True, False])
+def test_an_error_of_a_tick_stops_the_robot(error: Exception, first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    g1 = load_robot("g1")
+    supervisor, reference = supervised(g1)
+    sound = supervisor._last if first else supervisor.tick(at_rest(g1), reference)[0]
+
+    def broken(*_: object) -> TickResult:
+        raise error
+
+    monkeypatch.setattr(supervisor.controller, "tick", broken)
+    state, cause = at_rest(g1, 0.1), f"the controller gives no command: {error}"
+    assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference), cause)
+
+
+def test_an_error_of_a_tick_while_holding_is_a_blind_stop_under_the_first_cause(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    g1 = load_robot("g1")
+    supervisor, reference = supervised(g1)
+    supervisor.tick(at_rest(g1), reference)
+    supervisor.hold("first", 0.05)
+
+    def broken(*_: object) -> TickResult:
+        raise np.linalg.LinAlgError("Singular matrix")
+
+    monkeypatch.setattr(supervisor.controller, "tick", broken)
+    _, result = supervisor.tick(at_rest(g1, 0.1), reference)
+    assert result is None
+    assert (supervisor.cause, supervisor.stopped_at) == ("first", 0.05)
+
+
+def test_a_mistake_in_the_program_is_not_taken_for_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+    g1 = load_robot("g1")
+    supervisor, reference = supervised(g1)
+
+    def mistaken(*_: object) -> TickResult:
+        raise AttributeError("no such name")
+
+    monkeypatch.setattr(supervisor.controller, "tick", mistaken)
+    with pytest.raises(AttributeError):
+        supervisor.tick(at_rest(g1), reference)
 
 
 # --- solvers without answer

@@ -299,6 +299,26 @@ def test_figures_are_those_of_the_series(loops: dict[str, CorridorLoop], runs: d
         error = np.linalg.norm(series["hands"] - series["goals"], axis=2)
         assert summary["J"] == pytest.approx(np.mean(np.exp(-(error**2) / 0.002)), rel=1e-12)
         assert summary["infeasible_ticks"] == np.count_nonzero(series["infeasible"])
+        violated = series["violation"] > 0
+        assert summary["C"] == pytest.approx(np.mean(np.exp(-(series["violation"][violated] ** 2) / 0.2)), rel=1e-12)
+        assert summary["feasible_rate"] == pytest.approx(1 - violated.mean(), rel=1e-12)
+        assert summary["violation_mean"] == pytest.approx(series["violation"].mean(), rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["pssa", "ssa", "rssa", NAIVE])
+def test_the_violation_is_the_sum_over_conditions_and_its_norm_the_root_of_the_squares(
+    loops: dict[str, CorridorLoop], runs: dict[str, CorridorRun], name: str
+) -> None:
+    run = runs[name]
+    several = 0
+    for tick in range(0, len(run.series["time"]), 50):
+        _, spaces, _ = conditions(loops[name], run, tick)
+        gap = spaces.A @ run.series["v_safe"][tick] - spaces.b
+        short = np.maximum(-gap[spaces.active], 0.0)
+        assert run.series["violation"][tick] == pytest.approx(short.sum(), abs=1e-5)
+        assert run.series["violation_norm"][tick] == pytest.approx(np.sqrt(np.sum(short**2)), abs=1e-5)
+        several += int(np.count_nonzero(short > 1e-3) > 1)
+    assert several > 0
 
 
 def test_without_a_filter_the_violation_is_that_of_ssa_s_conditions(g1: RobotDescription) -> None:

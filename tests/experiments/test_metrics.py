@@ -18,8 +18,11 @@ from experiments.metrics import (
     summarise,
     versions,
 )
+from experiments.results import RunResult, filter_title
+from robots.loader import load_robot
 from robots.messages import Array
 from safety.conditions import FamilyParameters
+from safety.filters import FILTERS
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 
@@ -298,3 +301,27 @@ def test_where_nothing_is_promised_only_the_disturbance_is_told() -> None:
     assert set(never_ran.values()) == {None}
     # only pairs of legs: no bound on those of arms
     assert promised(leg_pairs=3)["bound_m"] is None
+
+
+# --- titles
+
+TITLES = {
+    "none": "no filter",
+    "cbf": "CBF",
+    "issf": "ISSf-CBF",
+    "ecbf": "eCBF",
+    "ssa": "SSA",
+    "rssa": "r-SSA",
+    "pssa": "p-SSA",
+    "sss": "SSS",
+    "pfm": "PFM",
+    "sma": "SMA",
+}
+
+
+def test_every_filter_is_shown_under_the_name_of_its_paper() -> None:
+    assert set(TITLES) == set(FILTERS)
+    g1 = load_robot("g1")
+    for name, title in TITLES.items():
+        assert filter_title(RunResult(g1, {"filter": name}, {}, {})) == title
+    assert filter_title(RunResult(g1, {}, {}, {})) == g1.title

@@ -2,6 +2,7 @@
 
 import io
 import json
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,8 @@ from PIL import Image
 from rich.console import Console
 
 from experiments import tracking as study
-from experiments.crossing import CROSSING, KNOWLEDGE, NOISE, TICK, Crossing, crossing_study
+from experiments.crossing import CROSSING, KNOWLEDGE, NOISE, PASSED, TICK, Crossing, crossing_study
+from experiments.encounter import DISTANCE, RADIUS
 from experiments.tracking import (
     TRACKING,
     follow,
@@ -23,8 +25,10 @@ from experiments.tracking import (
 )
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.tracking import MODELS, TrackerSettings
-from sims.obstacles import CircularMotion, PassingSphere
+from safety.barriers import ObstacleBarrier
+from safety.obstacles import Obstacle
+from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
+from sims.obstacles import CircularMotion, PassingSphere, PositionSensor
 
 
 def waves(delay: float, count: int = 2000) -> Array:
@@ -108,6 +112,45 @@ def test_the_study_has_a_row_for_every_case_and_repeats_itself() -> None:
     for row in rows:
         assert all(np.isfinite(v) for v in row.values() if not isinstance(v, str))
         assert {column.key for column in TRACKING} <= set(row)
+
+
+SPEED = 0.5
+"""Of the obstacle whose filter is listened to [m/s]."""
+
+
+def told(velocity: str, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Obstacle], list[Obstacle]]:
+    """The obstacle as it is, and as the filter is told, at every tick of a crossing."""
+    given: list[Obstacle] = []
+    set_obstacles = ObstacleBarrier.set_obstacles
+
+    def spy(self: ObstacleBarrier, obstacles: Sequence[Obstacle]) -> None:
+        given.extend(obstacles)
+        set_obstacles(self, obstacles)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ObstacleBarrier, "set_obstacles", spy)
+        Crossing("none", SPEED, velocity, seed=4).run()
+    return given[::2], given[1::2]
+
+
+@pytest.mark.parametrize("velocity", KNOWLEDGE)
+def test_the_filter_is_told_what_it_is_said_to_be_told(velocity: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Against a track of the same measurements: place, radius by the page of the study, velocity."""
+    true, believed = told(velocity, monkeypatch)
+    sensor, track = PositionSensor(60.0, NOISE, np.random.default_rng([4, 3])), ObstacleTrack()
+    assert len(true) == len(believed) == round((DISTANCE + PASSED) / SPEED / TICK)
+    for k, (real, seen) in enumerate(zip(true, believed, strict=True)):
+        t = k * TICK
+        np.testing.assert_allclose(real.position, true[0].position - [0, SPEED * t, 0], rtol=0, atol=1e-12)
+        track.measure(sensor.measure(real.position, t), t)
+        position, estimated = track.estimate(t)
+        np.testing.assert_allclose(seen.position, position, rtol=0, atol=1e-12)
+        larger = 3.0 * track.position_sigma(t) if velocity == "estimated + 3 sigma" else 0.0
+        assert seen.radius == pytest.approx(RADIUS + larger, rel=1e-12)
+        expected = {"zero": np.zeros(3), "true": np.array([0.0, -SPEED, 0.0])}.get(velocity, estimated)
+        np.testing.assert_allclose(seen.velocity, expected, rtol=0, atol=1e-12)
+    # noise tells the estimate from the truth, so that none of the cases is another one
+    assert np.linalg.norm(track.estimate(t)[1] - [0.0, -SPEED, 0.0]) > 1e-3
 
 
 @pytest.mark.parametrize("name", ["cbf", "issf"])

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from controllers.config import controller_config
+from controllers.reference import reference_here
 from controllers.whole_body import WholeBodyController
-from experiments.hand_tracking import run_hand_tracking
+from experiments.encounter import VELOCITIES, Encounter, SensorSettings, passing_sphere
+from experiments.hand_tracking import obstacle_settings, run_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, StandOptions
 from experiments.session import STANDARD_NOISE, control_config, plant_config
 from experiments.stand import run_stand
@@ -20,6 +22,9 @@ from robots.messages import Array, MotorCommand
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
 from safety.barriers import standard_barriers
+from safety.obstacles import Obstacle
+from safety.tracking import ObstacleTrack, TrackerSettings
+from sims.obstacles import PositionSensor
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 # --- controller
@@ -161,6 +166,54 @@ def test_the_noise_scale_scales_every_measurement(robot: RobotDescription) -> No
         np.testing.assert_array_equal(none, 0.0)
         assert (once != 0.0).all()
         np.testing.assert_allclose(thrice, 3.0 * once, rtol=0, atol=1e-14)
+
+
+# --- obstacle
+
+SENSED = np.arange(0.0, 0.4, 0.002)
+"""Ticks over which the obstacle is seen [s]."""
+
+
+def encountered(**seen: Any) -> tuple[Encounter, Obstacle, ObstacleTrack]:
+    """An encounter with these settings, what is believed at the last tick, and a track of the same measurements."""
+    kin = Kinematics(load_robot("g1"))
+    kin.update(standing_configuration(kin.robot, "hands_front"), np.zeros(kin.nv))
+    settings = SensorSettings(**seen)
+    encounter = passing_sphere(reference_here(kin, with_hands=True), settings, np.random.default_rng(3))
+    sensor = PositionSensor(settings.rate, settings.noise, np.random.default_rng(3))
+    track = ObstacleTrack(TrackerSettings(position_noise=settings.noise))
+    for t in SENSED:
+        assert encounter.sense(t) is None
+        track.measure(sensor.measure(encounter.sphere.position(t), t), t)
+    (believed,) = encounter.believed(SENSED[-1])
+    return encounter, believed, track
+
+
+@pytest.mark.parametrize("kappa", [0.0, 2.5])
+@pytest.mark.parametrize("velocity", VELOCITIES)
+def test_what_is_believed_of_the_obstacle_follows_the_options(velocity: str, kappa: float) -> None:
+    """Its place is always that of the track; its radius grows by kappa sigma, its velocity is what was asked for."""
+    encounter, believed, track = encountered(velocity=velocity, kappa=kappa, rate=40.0, noise=0.008)
+    t = float(SENSED[-1])
+    position, estimated = track.estimate(t)
+    np.testing.assert_allclose(believed.position, position, rtol=0, atol=1e-12)
+    assert believed.radius == pytest.approx(encounter.sphere.radius + kappa * track.position_sigma(t), rel=1e-12)
+    true = encounter.sphere.velocity(t)
+    expected = {"zero": np.zeros(3), "true": true, "estimated": estimated}[velocity]
+    np.testing.assert_allclose(believed.velocity, expected, rtol=0, atol=1e-12)
+    assert np.linalg.norm(estimated - true) > 1e-3
+    (real,) = encounter.true(t)
+    np.testing.assert_array_equal(real.position, encounter.sphere.position(t))
+    np.testing.assert_array_equal(real.velocity, true)
+    assert real.radius == encounter.sphere.radius
+
+
+def test_every_option_of_the_obstacle_reaches_its_settings() -> None:
+    given = {"rate": 45.0, "noise": 0.007, "lost_at": 1.5, "velocity": "true", "kappa": 2.0}
+    options = HandTrackingOptions(obstacle=True, **{f"obstacle_{name}": value for name, value in given.items()})  # type: ignore[arg-type]
+    assert obstacle_settings(options) == SensorSettings(**given)  # type: ignore[arg-type]
+    assert obstacle_settings(replace(options, obstacle=False)) is None
+    assert obstacle_settings(HandTrackingOptions(obstacle=True)) == SensorSettings()
 
 
 # --- runs

@@ -1,7 +1,9 @@
 """Where closest features switch or directions are missing: conditions stay continuous, loops do not chatter."""
 
+from collections.abc import Iterator
 from dataclasses import replace
 from itertools import product
+from types import SimpleNamespace
 
 import numpy as np
 import pinocchio as pin
@@ -14,18 +16,8 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from robots.rotation import rotation_from_rpy
 from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
-from safety.boxes import box_contacts
-from safety.geometry import (
-    CLOSEST,
-    CONTACT_SIZE,
-    END_A,
-    START_A,
-    closest_parameters,
-    half_space_contacts,
-    segment_contacts,
-)
-from safety.kernels import contact_gradients
-from safety.obstacle_barrier import EDGES, further_features
+from safety.boxes import TOUCHING
+from safety.geometry import closest_parameters
 from safety.obstacles import Obstacle
 from wbc.qp import UNBOUNDED, make_solver
 
@@ -40,51 +32,40 @@ SUPPORT = np.vstack([np.zeros(6), np.ones(6)])
 class Rolling:
     """A free capsule above an obstacle at the origin: its pose is place (3,) and rotation (3, 3), its line along x.
 
-    Velocities are [of its centre; angular], world axes.
+    Velocities are [of its centre; angular], world axes. The rows are those of the barrier itself, which sees the world
+    from the capsule's centre.
     """
 
-    def __init__(self, kind: str, size: float, single: bool = False) -> None:
-        self.kind, self.size = kind, size
-        features = [START_A, END_A] if kind == "half_space" else [CLOSEST, *further_features(kind, True)]
-        self.features = features[:1] if single and kind != "half_space" else features
-        self.single = single
+    def __init__(self, kind: str, size: float, single: bool = False, deep: float = 0.2, length: float = LENGTH) -> None:
+        self.kind, self.size, self.single = kind, size, single
+        self.half_sizes, self.length = 0.5 * np.array([size, size, deep]), length
+        one = np.ones(1, dtype=np.intp)
+        lines = {"origin": np.zeros((1, 3)), "direction": np.zeros((1, 3)), "radius": np.array([RADIUS])}
+        self.body = SimpleNamespace(names=("capsule",), carried=one > 0, proper=one > 0, joints=one, **lines)
+        self.kin = SimpleNamespace(world_jacobian=FREE_BODY, support=SUPPORT)
+        self.barrier = ObstacleBarrier(self.body, [kind])
+
+    def obstacle(self, place: Array) -> Obstacle:
+        """The obstacle as seen from ``place``."""
+        if self.kind == "capsule":
+            along = np.array([0.5 * self.size, 0, 0])
+            return Obstacle.capsule(-place - along, -place + along, RADIUS)
+        if self.kind == "half_space":
+            return Obstacle.half_space(-place, np.array([0, 0, 1.0]))
+        return Obstacle.box(np.array([0, 0, -self.half_sizes[2]]) - place, np.eye(3), self.half_sizes)
 
     def rows(self, place: Array, rotation: Array) -> tuple[Array, Array]:
         """h (n,) and gradients (n, 6)."""
-        contacts = np.zeros((len(self.features), CONTACT_SIZE))
-        direction = LENGTH * rotation[:, :1].T
-        lines = place[None] - 0.5 * direction, direction
-        table = np.array([[i, 0, 0, f] for i, f in enumerate(self.features)])
-        if self.kind == "capsule":
-            other = np.array([[self.size, 0, 0]])
-            segment_contacts(*lines, -0.5 * other, other, table, contacts)
-            reach = 2 * RADIUS
-        elif self.kind == "half_space":
-            half_space_contacts(*lines, np.zeros((1, 3)), np.array([[0, 0, 1.0]]), table, contacts)
-            reach = RADIUS
-        else:
-            self._box_rows(lines, table, contacts)
-            reach = RADIUS
-        if self.single and self.kind == "half_space":
-            contacts = contacts[[contacts[:, 6].argmin()]]
-        jac, n = np.zeros((len(contacts), 6)), len(contacts)
-        contacts[:, :3] -= place
-        contact_gradients(contacts, np.ones(n, np.intp), np.zeros(n, np.intp), FREE_BODY, SUPPORT, jac)
-        return contacts[:, 6] - reach, jac
-
-    def _box_rows(self, lines: tuple[Array, Array], table: Array, contacts: Array) -> None:
-        half = np.array([0.5 * self.size, 0.5 * self.size, 0.1])
-        centre = np.array([[0, 0, -0.1]])
-        whole = table[:, 3] < EDGES[0]
-        box_contacts(*lines, centre, np.eye(3)[None], half[None], table[whole], contacts)
-        if whole.all():
-            return
-        signs = np.array([[-1.0], [1.0]])
-        x, y = half[:2]
-        starts = np.vstack([signs * [0, y, 0] - [x, 0, 0], signs * [x, 0, 0] - [0, y, 0]])
-        along = np.array([[2 * x, 0, 0]] * 2 + [[0, 2 * y, 0]] * 2)
-        edges = np.array([[row, 0, i, CLOSEST] for i, row in enumerate(table[~whole, 0])])
-        segment_contacts(*lines, starts, along, edges, contacts)
+        self.body.direction[0] = self.length * rotation[:, 0]
+        self.body.origin[0] = -0.5 * self.body.direction[0]
+        self.barrier.set_obstacles([self.obstacle(place)])
+        n = self.barrier.size
+        h, jac = np.zeros(n), np.zeros((n, 6))
+        self.barrier.write(self.kin, h, jac, np.zeros(n))
+        if not self.single:
+            return h, jac
+        pair = [h.argmin() if self.kind == "half_space" else 0]
+        return h[pair], jac[pair]
 
     def filtered(self, place: Array, rotation: Array, nominal: Array) -> Array:
         """Nearest velocity to ``nominal`` with J v >= -alpha h; rotations weigh as the rim of the capsule moves."""
@@ -178,6 +159,144 @@ def test_a_closed_loop_settles_and_does_not_chatter(name: str, twist: float) -> 
 def test_with_one_row_alone_the_same_loop_chatters(name: str) -> None:
     kind, size, offset = SCENES[name]
     assert chatter(closed_loop(Rolling(kind, size, single=True), offset, 0.0)) > 1.0
+
+
+SHAPES = {"cube": (0.4, 0.4, 0.3), "plate": (0.8, 0.2, 0.3), "post": (0.3, 0.9, 0.3), "small": (0.25, 0.25, 0.35)}
+"""Size of a box along x and y, along z, and length of the capsule's centre line [m]."""
+
+
+def poses_inside(scene: Rolling, count: int) -> Iterator[tuple[Array, Array]]:
+    """Random poses of which the centre line is in the box by 1 cm or more."""
+    rng = np.random.default_rng(20)
+    while count:
+        place = rng.uniform(-1, 1, 3) * scene.half_sizes - [0, 0, scene.half_sizes[2]]
+        rotation = pin.exp3(rng.normal(size=3) * 2)
+        scene.rows(place, rotation)
+        if scene.barrier.contacts[0, 6] < -0.01:
+            count -= 1
+            yield place, rotation
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_rows_of_a_capsule_in_a_box_never_contradict_each_other(shape: str) -> None:
+    size, deep, length = SHAPES[shape]
+    scene = Rolling("box", size, deep=deep, length=length)
+    ways = set()
+    for place, rotation in poses_inside(scene, 300):
+        h, jac = scene.rows(place, rotation)
+        pair, normal = scene.barrier.contacts[0], scene.barrier.contacts[0, 3:6]
+        ways.add("edge" if pair[13] > 0 else "face")
+        assert (h >= h[0]).all()
+        face = int(np.abs(normal).argmax())
+        upwards = np.sign(normal[face])
+        out = -upwards * np.sign(rotation[:, 0] * rotation[face, 0])
+        out[face] = upwards
+        assert (jac[:, :3] @ out >= 1 - 1e-12).all()
+        # translation alone is enough, and no faster than the pair asks for along any axis
+        bound = -ALPHA * h[0] * (1 + 1e-6) * np.array([1, 1, 1, 0, 0, 0])
+        lower, upper = np.append(-bound, -ALPHA * h), np.append(bound, np.full(h.size, UNBOUNDED))
+        assert make_solver("daqp", 6, h.size).solve(np.eye(6), np.zeros(6), jac, lower, upper).status == "optimal"
+    assert ways == {"edge", "face"}
+
+
+def test_an_upright_capsule_is_on_no_side_of_a_narrow_boxs_edges() -> None:
+    scene = Rolling("box", 0.08)
+    for tilt in (0.0, 1e-15, -1e-15):
+        h, jac = scene.rows(np.array([0, 0, 0.5 * LENGTH - 0.03]), tilted(0.5 * np.pi + tilt))
+        np.testing.assert_allclose(h[[0, 3, 4, 5, 6]], -0.03 - RADIUS, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(jac[:, 2], 1.0, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_rows_in_a_box_are_heights_over_the_face_and_its_edges(shape: str) -> None:
+    size, deep, length = SHAPES[shape]
+    scene = Rolling("box", size, deep=deep, length=length)
+    seen = {"end": 0, "edge": 0, "repeated": 0}
+    for place, rotation in poses_inside(scene, 200):
+        h, _ = scene.rows(place, rotation)
+        normal = scene.barrier.contacts[0, 3:6]
+        face = int(np.abs(normal).argmax())
+        side, half = np.sign(normal[face]), scene.half_sizes
+        others = [k for k in range(3) if k != face]
+        centre, line = place + np.array([0, 0, half[2]]), length * rotation[:, 0]
+        ends = np.array([centre - 0.5 * line, centre + 0.5 * line])
+        for value, end in zip(h[1:3], ends, strict=True):
+            height = side * end[face] - half[face] - RADIUS
+            over = (np.abs(end[others]) <= half[others]).all() and height >= h[0]
+            assert value == pytest.approx(height if over else h[0], abs=1e-12)
+            seen["end" if over else "repeated"] += 1
+        expected = []
+        for axis, beside in product(others, (-1, 1)):
+            corner = side * half * np.eye(3)[face] + beside * half * np.eye(3)[3 - face - axis]
+            across = np.cross(line, np.eye(3)[axis])
+            across *= side * np.sign(across[face]) / np.linalg.norm(across)
+            distance = across @ (ends[0] - corner)
+            s, t, _ = np.linalg.solve(np.column_stack([line, -np.eye(3)[axis], -across]), corner - ends[0])
+            crosses = 0 < s < 1 and abs(t) < half[axis] and distance - RADIUS >= h[0]
+            expected.append(distance - RADIUS if crosses else h[0])
+            seen["edge" if crosses else "repeated"] += 1
+        np.testing.assert_allclose(sorted(h[3:]), sorted(expected), rtol=0, atol=1e-10)
+    assert all(seen.values())
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_gradients_in_a_box_are_central_differences(shape: str) -> None:
+    size, deep, length = SHAPES[shape]
+    scene, step = Rolling("box", size, deep=deep, length=length), 1e-6
+    for place, rotation in poses_inside(scene, 50):
+        _, jac = scene.rows(place, rotation)
+        numeric = np.zeros_like(jac)
+        for k, e in enumerate(step * np.eye(6)):
+            ahead = scene.rows(place + e[:3], pin.exp3(e[3:]) @ rotation)[0]
+            behind = scene.rows(place - e[:3], pin.exp3(-e[3:]) @ rotation)[0]
+            numeric[:, k] = (ahead - behind) / (2 * step)
+        np.testing.assert_allclose(jac, numeric, rtol=0, atol=1e-7)
+
+
+def pattern(scene: Rolling) -> tuple[object, ...]:
+    """What the rows are about: whether the line is inside, which free directions they have, which repeat the first."""
+    contacts = scene.barrier.contacts
+    whole = contacts[0]
+    way = np.abs(whole[3:6]).argmax()
+    repeated = (contacts[:, :7] == whole[:7]).all(axis=1)
+    return whole[6] <= TOUCHING, way, whole[3 + way] > 0, *contacts[:, 13:].ravel(), *repeated
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_a_capsule_comes_out_of_a_box_steadily(shape: str) -> None:
+    size, deep, length = SHAPES[shape]
+    scene = Rolling("box", size, deep=deep, length=length)
+    for start, turn in poses_inside(scene, 8):
+        place, rotation, states = start, turn, []
+        for _ in range(500):
+            v = scene.filtered(place, rotation, np.zeros(6))
+            states.append((scene.rows(place, rotation)[0][0], v, pattern(scene)))
+            place, rotation = place + DT * v[:3], pin.exp3(DT * v[3:]) @ rotation
+        h, velocities, patterns = zip(*states, strict=True)
+        assert (np.diff(h) > -1e-9).all()
+        assert h[-1] > h[0] * np.exp(-ALPHA * 500 * DT) - 1e-9
+        jumps = []
+        for before, after, a, b in zip(velocities, velocities[1:], patterns, patterns[1:], strict=False):
+            # outside, normals turn as fast as the distance is small
+            if a[0] and np.abs(after - before).max() > 60 * DT * np.abs(before).max():
+                jumps.append((a, b))
+                assert a != b
+        # none to and fro
+        assert len(set(jumps)) == len(jumps)
+        assert len(jumps) < 10
+
+
+@pytest.mark.parametrize("twist", [0.0, 1e-3, 0.1])
+@pytest.mark.parametrize("beside", [(0, 0), (0.3, 0), (0, 0.3), (0.3, 0.25)])
+@pytest.mark.parametrize("size", [0.2, 0.4, 0.8])
+def test_conditions_in_a_box_are_continuous_through_parallel(
+    size: float, beside: tuple[float, float], twist: float
+) -> None:
+    scene, place = Rolling("box", size), np.array([size * beside[0], size * beside[1], -0.02])
+    for turn, width in product((twist, 0.8 + twist, 1.5 + twist), (1e-4, 1e-6)):
+        velocities = [scene.filtered(place, tilted(a, turn), NOMINAL) for a in np.linspace(-width, width, 21)]
+        assert scene.barrier.contacts[0, 6] < -0.01
+        assert np.abs(np.diff(velocities, axis=0)).max() < 20 * width
 
 
 def placed(robot: RobotDescription) -> tuple[Kinematics, CollisionBodies]:

@@ -359,6 +359,20 @@ def test_a_stamp_before_the_last_measurement_gives_the_estimate_there(settings: 
     np.testing.assert_array_equal(track.covariance(last - 0.01), track.covariance(last))
 
 
+def test_a_track_far_beyond_the_stamp_is_refused_until_the_stamp_gets_there(settings: TrackerSettings) -> None:
+    track, last = followed(settings)
+    for stamp in (last - settings.max_ahead - 1e-6, last - 1000.0, -np.inf):
+        with pytest.raises(ConfigError, match=r"age of the obstacle track = -.*: must be .*at most 0.02 s ahead"):
+            track.estimate(stamp)
+    expected = state(track, last)
+    track.measure(None, last + 0.1)
+    assert track.fault(last) == "0.1 s ahead of the clock, allowed are 0.02 s"
+    with pytest.raises(ConfigError, match=r"age of the obstacle track = -0\.1"):
+        track.estimate(last)
+    assert track.fault(last + 0.1) is None
+    np.testing.assert_allclose(state(track, last + 0.1)[:3], expected[:3] + 0.1 * VELOCITY, rtol=0, atol=1e-3)
+
+
 def test_a_track_without_measurement_has_no_estimate(settings: TrackerSettings) -> None:
     track = ObstacleTrack(settings)
     with pytest.raises(ConfigError, match="age of the obstacle track = inf"):
@@ -444,7 +458,15 @@ def test_a_tracked_obstacle_feeds_its_barrier() -> None:
 
 @pytest.mark.parametrize(
     "name",
-    ["position_noise", "acceleration_noise", "initial_speed", "max_age", "jerk_noise", "initial_acceleration"],
+    [
+        "position_noise",
+        "acceleration_noise",
+        "initial_speed",
+        "max_age",
+        "jerk_noise",
+        "initial_acceleration",
+        "max_ahead",
+    ],
 )
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf])
 def test_tracker_settings_that_are_not_positive_are_refused_by_name(name: str, value: float) -> None:

@@ -91,6 +91,35 @@ def test_curvature_and_rate_are_central_differences(kin: Kinematics, barriers: B
     np.testing.assert_allclose(still.curvature, 0.0, rtol=0, atol=1e-12)
 
 
+def test_curvature_and_rate_in_a_box_are_central_differences(robot: RobotDescription) -> None:
+    """Boxes around bodies of the robot, that move and turn with them in them."""
+    kin = Kinematics(robot)
+    q, v, _ = random_state(kin, 9)
+    rng, bodies, count = np.random.default_rng(9), CollisionBodies(kin), 6
+    bodies.place(kin)
+    barriers = standard_barriers(kin, ["box"] * count)
+    middles = (bodies.origin + rng.uniform(0.1, 0.9, (len(bodies.names), 1)) * bodies.direction)[bodies.proper]
+    boxes = [
+        Obstacle.box(p, rotation_from_rpy(rng.normal(size=3)), rng.uniform(0.05, 0.15, 3), *rng.normal(size=(2, 3)))
+        for p in rng.permutation(middles)[:count]
+    ]
+    rows = evaluate(barriers, kin, q, v, boxes)
+
+    def h_and_rate(dt: float) -> Array:
+        after = evaluate(barriers, kin, kin.integrate(q, v, dt), v, [o.after(dt) for o in boxes])
+        return np.array([after.h, after.jac @ v + after.drift])
+
+    rate, numeric = derivative(h_and_rate)
+    size = 1 + np.abs(rows.curvature)
+    np.testing.assert_allclose(rows.jac @ v + rows.drift, rate, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(rows.curvature / size, numeric / size, rtol=0, atol=ROUNDING)
+    contacts = next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).contacts
+    first = barriers.labels[barriers.slices["obstacle"].start :].index
+    inside = [label for label in barriers.labels if ", edge" in label and contacts[first(label.split(",")[0]), 6] < 0]
+    own = [label for label in inside if contacts[first(label), 6] > contacts[first(label.split(",")[0]), 6]]
+    assert 0 < len(own) < len(inside)
+
+
 def test_first_order_rows_do_not_change_when_the_second_is_asked_for(kin: Kinematics, barriers: BarrierSet) -> None:
     q, v, obstacles = random_state(kin, 5)
     both = evaluate(barriers, kin, q, v, obstacles)

@@ -61,12 +61,17 @@ class AccelerationFilter:
         """
         command = dynwbc.velocity_command(dynamic.acceleration, v, dt)
         if dynamic.status != "optimal" or not all_finite(command, conditions.b):
-            cause = "no acceleration satisfies the contacts and the torque limits"
-            return FilterResult(np.zeros(v.size), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
+            return _failure(v.size, "no acceleration satisfies the contacts and the torque limits")
         bounded = np.concatenate([command[:6], self.velocity(command)[6:]])
         asked = dynamic.acceleration
         if not np.allclose(bounded, command, rtol=0.0, atol=ROUNDING):
             asked = dynwbc.acceleration_reference(bounded, v, dt)
         found = report(asked, FilterStatus.FILTERED, conditions)
+        if found.status == FilterStatus.FAILED:
+            return _failure(v.size, "conditions on the acceleration are not numbers")
         status = found.status if found.active else FilterStatus.UNCHANGED
         return FilterResult(bounded, status, found.slack, found.worst_row, found.active, found.relaxed, found.shortfall)
+
+
+def _failure(nv: int, cause: str) -> FilterResult:
+    return FilterResult(np.zeros(nv), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)

@@ -13,6 +13,16 @@ What is left of a promise in discrete time: with the velocity held for a step dt
   for :math:`\lambda\,dt \le 1`: :math:`h_k \ge d_{min} - \max(dt\,V,\; c\,dt/(2\lambda))`.
 - SMA and PFM hold one row at a time and promise nothing about the others.
 
+V counts what moves by itself: an obstacle's own speed, along the normal, adds to the robot's.
+
+With accelerations held for a step all of this holds for the index (:math:`h_2` of
+:func:`safety.second_order.index_rows`, :math:`h_e` of :func:`safety.second_order.ecbf_rows`) in place of h: 0 in place
+of :math:`d_{min}`, V bounds the rate at which the index falls and c the size of its second derivative, in which the
+third one of h appears. It holds within steps too, not only at their ends. So where the index of power 1 is never below
+:math:`-\delta`, :math:`k \dot h + (h - d_{min}) \ge -\delta`, and h never sinks below :math:`d_{min} - \delta` from
+above it (for :math:`h_e`, which is :math:`\alpha` times the index with :math:`k = 1/\alpha`, below
+:math:`d_{min} - \delta/\alpha`).
+
 So the margins of SSA, SSS and their kin have to be above :math:`dt\,V`; that is what their defaults are for.
 """
 
@@ -46,7 +56,8 @@ class FamilyParameters:
     """Parameters of one constraint family; each filter reads those that its condition and its resolution have.
 
     The defaults of eta and slack_weight are those of the p-SSA paper (sec. V-C, V-E), those of slope, push_cartesian
-    and push_joint those of SPARK's Table 11 for its first case, G1FixedBase_D1_AG_SO_v0.
+    and push_joint those of SPARK's Table 11 for its first case, G1FixedBase_D1_AG_SO_v0. Both papers
+    leave the second-order index to the user: power 1 is the linear one of both, its gain of 1 s is ours.
 
     Attributes:
         alpha: slope of the class-K function of CBF, ISSf-CBF and eCBF [1/s], above 0.
@@ -208,6 +219,11 @@ def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
 
     .. math:: J_i v + \partial_t h_i \ge 0 \quad\text{for}\quad i = \arg\max_j \, d_{min,j} - h_j,\;
         \text{if}\; h_i \le d_{min,i}
+
+    The depths are compared as they are, radians of joint limits with metres of distances: a joint 0.02 rad beyond its
+    margin comes before an obstacle 0.01 m inside its own. SPARK takes one maximum over all its energy functions, which
+    are distances all of them; with joint limits among them some exchange rate between the units is needed, and none is
+    right for all robots, so it is 1 m/rad. A family's margin shifts its rank.
 
     Source: what eq. (13) of SPARK promises of its sliding mode algorithm.
 

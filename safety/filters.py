@@ -1,24 +1,16 @@
 """Safety filters: a condition on the input, and a resolution that says which input is taken."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
 from robots.checks import all_finite, require_non_negative, require_one_of, require_positive
 from robots.errors import ConfigError
 from robots.messages import Array, Indices
-from safety.conditions import (
-    NO_MARGINS,
-    SET_MARGINS,
-    BarrierParameters,
-    RowParameters,
-    cbf,
-    issf_cbf,
-    ssa,
-    sss,
-    worst_row,
-)
+from safety.conditions import BarrierParameters, RowParameters
+from safety.filter_inputs import wrong_shape
+from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
 from safety.kernels import all_numbers, room
 from safety.resolutions import (
@@ -26,14 +18,14 @@ from safety.resolutions import (
     CartesianPush,
     JointPush,
     NearestQp,
-    Problem,
     Resolution,
     Resolved,
     SlackQp,
 )
 from safety.results import ACTIVE, RELAXED, FilterResult, FilterStatus, explain, report
-from safety.rows import BarrierRows, HalfSpaces
+from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.second_order import acceleration_bounds, ecbf_rows, index_rows, without_margin
+from safety.working_set import Problem
 from wbc.qp import UNBOUNDED
 
 __all__ = [
@@ -42,63 +34,11 @@ __all__ = [
     "FILTERS",
     "KINDS",
     "RELAXED",
-    "FilterKind",
     "FilterResult",
     "FilterStatus",
     "SafetyFilter",
     "explain",
 ]
-
-Condition = Callable[[BarrierRows, RowParameters], HalfSpaces]
-
-
-@dataclass(frozen=True, slots=True)
-class FilterKind:
-    """What makes one filter differ from another.
-
-    Attributes:
-        name: in configurations.
-        title: in texts and figures.
-        condition: half-spaces of the rows; ``None``: no condition.
-        resolution: ``qp``, ``slack_qp``, ``two_phase``, ``push_cartesian`` or ``push_joint``; ``none``: pass through.
-        source: paper and equations.
-        margins: margin by family where the parameters give none.
-        orders: relative degrees it is defined for: 1, input velocity; 2, input acceleration.
-    """
-
-    name: str
-    title: str
-    condition: Condition | None
-    resolution: str
-    source: str
-    margins: Mapping[str, float]
-    orders: tuple[int, ...] = (1, 2)
-
-
-LEE = "Lee et al., Safety-Critical Whole-Body Control for Humanoid Robots via ISSf-CBFs"
-PSSA = "p-SSA paper"
-SPARK = "SPARK"
-
-KINDS: dict[str, FilterKind] = {
-    kind.name: kind
-    for kind in (
-        FilterKind("none", "no filter", None, "none", f"baseline w/o-CBF of {LEE}", NO_MARGINS),
-        FilterKind("cbf", "CBF", cbf, "qp", f"{LEE}, eqs. (5), (31), (33); {SPARK}, eq. (6)", NO_MARGINS),
-        FilterKind("issf", "ISSf-CBF", issf_cbf, "qp", f"{LEE}, eqs. (32), (33)", NO_MARGINS),
-        FilterKind("ecbf", "eCBF", cbf, "qp", f"{LEE}, eqs. (54), (55)", NO_MARGINS, (2,)),
-        FilterKind("ssa", "SSA", ssa, "qp", f"{PSSA}, eq. (9); {SPARK}, eq. (5)", SET_MARGINS),
-        FilterKind("rssa", "r-SSA", ssa, "slack_qp", f"{PSSA}, eq. (10)", SET_MARGINS),
-        FilterKind("pssa", "p-SSA", ssa, "two_phase", f"{PSSA}, eqs. (12), (13)", SET_MARGINS),
-        FilterKind("sss", "SSS", sss, "qp", f"{SPARK}, eq. (7)", SET_MARGINS),
-        FilterKind("pfm", "PFM", worst_row, "push_cartesian", f"{SPARK}, eqs. (8)-(10)", SET_MARGINS),
-        FilterKind("sma", "SMA", worst_row, "push_joint", f"{SPARK}, eqs. (12), (13)", SET_MARGINS),
-    )
-}
-"""All filters by name."""
-
-FILTERS = tuple(KINDS)
-
-CONDITIONS: dict[str, Condition] = {kind.name: kind.condition for kind in KINDS.values() if kind.condition}
 
 
 class SafetyFilter:
@@ -118,11 +58,14 @@ class SafetyFilter:
 
     When no v satisfies the rows, the QP filters go down a ladder: the least sum of squared violations and the v nearest
     to the nominal one among those (as in p-SSA); if that fails too, the stop action ("zero_velocity"): zero velocity,
-    for order 2 the acceleration that brakes to it. The nominal input is passed on only with ``unsafe_pass_nominal``,
-    which is for comparison with the papers' baselines, and the status says so.
+    for order 2 the acceleration that brakes to it as hard as the bounds allow. Where the velocity is not known there is
+    nothing to brake against: the acceleration is zero then, and the robot coasts at the speed it has; whoever drives it
+    has to stop it by other means. The nominal input is passed on only with ``unsafe_pass_nominal``, which is for
+    comparison with the papers' baselines, and the status says so.
 
     Args:
-        name: one of ``FILTERS``; ``none`` passes the nominal input through.
+        name: one of ``FILTERS``; ``none`` is no filter: it passes the nominal input through as it is, even beyond its
+            bounds.
         n_rows: number of barrier rows.
         parameters: of the conditions and resolutions, by family.
         v_max: shape (nv,) bounds on the size of each input, above 0 [m/s, rad/s; for order 2 m/s^2, rad/s^2].
@@ -203,13 +146,23 @@ class SafetyFilter:
 
         Returns:
             The result; its arrays are new, the input is not changed. Never raises on bad numbers: a value that is not
-            finite, or too old, gives status ``FAILED``.
+            finite or too large to reckon with, an array of another shape, or input that is too old gives status
+            ``FAILED`` with the cause.
         """
-        if cause := self._objection(rows, v_des, age, velocity):
-            return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-        if self.kind.condition is None:
-            return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-        self._prepare(rows.family)
+        jacobians = (("feet", feet), ("balance", balance), ("hands", hands))
+        # numbers that overflow are looked for where they matter
+        with np.errstate(all="ignore"):
+            cause = self._objection(rows, v_des, age, velocity, jacobians)
+            if not cause and self.kind.condition is None:
+                return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
+            if cause := cause or self._prepare(rows.family):
+                return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
+            return self._filter(rows, v_des, (feet, balance, hands), velocity)
+
+    def _filter(
+        self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
+    ) -> FilterResult:
+        """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
         spaces = self._spaces(rows, velocity)
         if not all_finite(spaces.b):
             return self._failure("conditions are not finite", velocity, spaces)
@@ -219,20 +172,30 @@ class SafetyFilter:
         violated = room(spaces.A, v_des, spaces.b) < 0
         pushes = self.kind.resolution.startswith("push") and spaces.active.any()
         if not (pushes or violated.any() or (v_des < lower).any() or (v_des > upper).any()):
-            return report(v_des.copy(), FilterStatus.UNCHANGED, spaces)
-        hessian = self._metric(((self.foot_weight, feet), (self.balance_weight, balance), (self.hand_weight, hands)))
+            return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
+        hessian = self._metric(jacobians)
         if hessian is not self._identity and not all_finite(hessian):
             return self._failure("weighted Jacobians are not finite", velocity, spaces)
-        resolved = self._resolution.resolve(Problem(spaces, v_des, hessian, lower, upper, violated), rows)
+        try:
+            resolved = self._resolution.resolve(Problem(spaces, v_des, hessian, lower, upper, violated), rows)
+        except np.linalg.LinAlgError as error:
+            return self._failure(f"linear equations have no answer: {error}", velocity, spaces)
         return self._conclude(resolved, velocity, spaces)
 
-    def _objection(self, rows: BarrierRows, v_des: Array, age: float, velocity: Array | None) -> str:
+    def _objection(
+        self,
+        rows: BarrierRows,
+        v_des: Array,
+        age: float,
+        velocity: Array | None,
+        jacobians: tuple[tuple[str, Array | None], ...],
+    ) -> str:
         """Why these inputs cannot be used, in words; empty where they can."""
         if not -self.max_age <= age <= self.max_age:
             return f"input is {age:.2f} s old, allowed are {self.max_age:.2f} s"
-        if rows.jac.shape != (self._n_rows, self._nv) or v_des.shape != (self._nv,):
-            size, expected = (*rows.jac.shape, v_des.size), (self._n_rows, self._nv, self._nv)
-            return f"rows, their columns and the nominal input are {size}, expected {expected}"
+        vectors = (("nominal input", v_des), ("measured velocity", None if self.order == 1 else velocity))
+        if cause := wrong_shape(self._n_rows, self._nv, rows, vectors, jacobians):
+            return cause
         if not all_finite(v_des):
             return f"nominal {'velocity' if self.order == 1 else 'acceleration'} is not finite"
         if not all_numbers(rows.h, rows.drift, rows.jac):
@@ -240,21 +203,24 @@ class SafetyFilter:
         return "" if self.order == 1 else self._objection_to_second_order(rows, velocity)
 
     def _objection_to_second_order(self, rows: BarrierRows, velocity: Array | None) -> str:
-        if velocity is None or velocity.shape != (self._nv,) or not all_finite(velocity):
+        if velocity is None or not all_finite(velocity):
             return "measured velocity is missing or not finite"
         if rows.curvature is None or not all_finite(rows.curvature):
             return "curvature of the barrier rows is missing or not finite"
         return ""
 
-    def _prepare(self, family: Indices) -> None:
-        """Parameters of each row, made once as long as the rows are of the same families."""
+    def _prepare(self, family: Indices) -> str:
+        """Parameters of each row, made once as long as the rows are of the same families; why not, in words."""
         # a fraction of the time of numpy's comparison
         if (key := family.tobytes()) == self._family:
-            return
+            return ""
+        if family.dtype.kind not in "iu" or not ((family >= 0) & (family < len(FAMILIES))).all():
+            return f"family of the barrier rows has to be integers from 0 to {len(FAMILIES) - 1}"
         self._family = key
         self._row_parameters = self.parameters.of_rows(family, self.kind.margins)
         self._bare_parameters = without_margin(self._row_parameters)
         self._resolution = self._make_resolution(self._row_parameters)
+        return ""
 
     def _make_resolution(self, p: RowParameters) -> Resolution:
         makers: dict[str, Callable[[], Resolution]] = {
@@ -277,20 +243,35 @@ class SafetyFilter:
             return spaces
         return HalfSpaces(spaces.A, np.where(spaces.active, spaces.b, -UNBOUNDED), spaces.active)
 
-    def _metric(self, weighted: tuple[tuple[float, Array | None], ...]) -> Array:
-        hessian = self._identity
-        for weight, jacobian in weighted:
+    def _metric(self, jacobians: tuple[Array | None, ...]) -> Array:
+        hessian, weights = self._identity, (self.foot_weight, self.balance_weight, self.hand_weight)
+        for weight, jacobian in zip(weights, jacobians, strict=True):
             if jacobian is not None and weight > 0:
                 hessian = hessian + weight * (jacobian.T @ jacobian)
         return hessian
 
     def _conclude(self, resolved: Resolved, velocity: Array | None, spaces: HalfSpaces) -> FilterResult:
         if resolved.v is None:
-            return self._failure("no solver has an answer", velocity, spaces, resolved.candidates)
+            return self._failure(resolved.cause or "no solver has an answer", velocity, spaces, resolved.candidates)
+        if not all_finite(resolved.v):
+            return self._failure("the answer is not finite", velocity, spaces)
         if resolved.unsafe:
-            cause = "no input satisfies all conditions: the nominal one is passed on"
-            return report(resolved.v, FilterStatus.UNSAFE, spaces, cause, resolved.candidates)
-        return report(resolved.v, FilterStatus.FILTERED, spaces, "", resolved.candidates)
+            cause = "no solution found: the nominal input is passed on"
+            return self._report(resolved.v, FilterStatus.UNSAFE, velocity, spaces, cause, resolved.candidates)
+        return self._report(resolved.v, FilterStatus.FILTERED, velocity, spaces, "", resolved.candidates)
+
+    def _report(
+        self,
+        v: Array,
+        status: FilterStatus,
+        velocity: Array | None,
+        spaces: HalfSpaces,
+        cause: str = "",
+        candidates: Candidates | None = None,
+    ) -> FilterResult:
+        """What an input does to the conditions; the stop action where that cannot be told."""
+        result = report(v, status, spaces, cause, candidates)
+        return replace(result, v=self._stop(velocity)) if result.status == FilterStatus.FAILED else result
 
     def _failure(
         self, cause: str, velocity: Array | None, spaces: HalfSpaces, candidates: Candidates | None = None
@@ -298,7 +279,7 @@ class SafetyFilter:
         return report(self._stop(velocity), FilterStatus.FAILED, spaces, cause, candidates)
 
     def _stop(self, velocity: Array | None) -> Array:
-        """The stop action: zero velocity, or the acceleration that brakes to it."""
+        """The stop action: zero velocity, or the acceleration that brakes to it; zero where it is not known."""
         if self.order == 1 or velocity is None or velocity.shape != (self._nv,) or not all_finite(velocity):
             return np.zeros(self._nv)
         return np.clip(-velocity / self._dt, -self._limit, self._limit)

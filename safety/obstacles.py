@@ -52,6 +52,8 @@ class Obstacle:
         spin: shape (3,) angular velocity, world axes [rad/s].
         packed: shape (``PACKED_SIZE``,) all numbers in the order above.
 
+    All arrays are read-only: an obstacle elsewhere is another one, see :meth:`after` and :func:`dataclasses.replace`.
+
     Raises:
         ConfigError: unknown kind, a number that is not finite, a size that is not above 0, a rotation that is not
             one, or a normal without length.
@@ -84,6 +86,9 @@ class Obstacle:
                 _finite(name, getattr(self, name), shape)
         self._check_size()
         packed[RADIUS] = self.radius
+        packed.setflags(write=False)
+        for name in PARTS:
+            getattr(self, name).setflags(write=False)
 
     def _check_size(self) -> None:
         if self.kind in ("sphere", "capsule"):

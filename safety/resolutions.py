@@ -1,22 +1,17 @@
 """Resolutions: which input is taken, given the conditions."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
-from robots.messages import Array, Indices, Mask
+from robots.checks import all_finite
+from robots.messages import Array, Indices
+from safety.condition_kernels import least_shortfall, next_to_immovable
 from safety.infeasibility import Candidates
-from safety.kernels import add_violated, least_shortfall, next_to_immovable, seat
-from safety.rows import BarrierRows, HalfSpaces
-from wbc.qp import UNBOUNDED, QpSolver, make_solver
-
-CAPACITIES = (16, 32, 64, 128)
-"""Sizes of the small solvers, in rows; above them one for all rows."""
-
-BEYOND = 1e-9
-"""A row violated by more than this [m/s, rad/s] has to be seen by the solver."""
+from safety.rows import BarrierRows
+from safety.working_set import Problem, WorkingSetQp
+from wbc.qp import UNBOUNDED
 
 SLACK_ROUNDING = 1e-8
 """Room [m/s, rad/s] given to a row on top of its least slack, so that rounding does not make it infeasible again."""
@@ -27,10 +22,11 @@ SLACK_PULL = 1e-8
 It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
 
 LEVER = 1e-4
-"""A row that changes over the bounds' range by less than this share of it [m/rad] is next to immovable,"""
+"""A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
+next to immovable,"""
 
 EASE = 1e-3
-"""and given up where the best input would ease it by less than this share of what it would still be short of."""
+"""and given up where that change is also at most this share of what the row is short of at its best."""
 
 CERTAIN = 1e-7
 """Conditions certainly cannot hold where every input violates one by more than this [m/s, rad/s]."""
@@ -43,43 +39,20 @@ INFEASIBLE = ("least_slack", "unsafe_pass_nominal")
 
 
 @dataclass(frozen=True, slots=True)
-class Problem:
-    """One tick's problem.
-
-    Attributes:
-        spaces: the conditions; b of those that are not active is out of reach.
-        v_des: shape (nv,) nominal input.
-        hessian: shape (nv, nv) metric H in which distance to it is measured.
-        lower: shape (nv,) bound of the input.
-        upper: shape (nv,) likewise.
-        violated: shape (n,) conditions that the nominal input violates: where the search for rows that matter starts.
-    """
-
-    spaces: HalfSpaces
-    v_des: Array
-    hessian: Array
-    lower: Array
-    upper: Array
-    violated: Mask
-
-    def clipped(self) -> Array:
-        """The nominal input between its bounds, shape (nv,), new."""
-        return np.clip(self.v_des, self.lower, self.upper)
-
-
-@dataclass(frozen=True, slots=True)
 class Resolved:
     """What a resolution found.
 
     Attributes:
         v: shape (nv,) input between its bounds; ``None`` where no solver had an answer.
-        unsafe: whether it is the nominal input although no input satisfies the conditions.
+        unsafe: whether it is the nominal input, because no solution was found.
         candidates: rows among which the conflict is; ``None`` where there is none.
+        cause: why there is no v, where more can be said than that.
     """
 
     v: Array | None
     unsafe: bool = False
     candidates: Candidates | None = None
+    cause: str = ""
 
 
 class Resolution(Protocol):
@@ -88,102 +61,6 @@ class Resolution(Protocol):
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """Find it; ``rows`` are those that the conditions were made of."""
         ...
-
-
-class Optimum(NamedTuple):
-    """What a working set found.
-
-    Attributes:
-        v: shape (nv,) the optimum; ``None`` where there is none.
-        working: the rows that the solver saw last.
-        room: shape (n_rows,) by how much each row holds at v; empty where there is none.
-    """
-
-    v: Array | None
-    working: Indices
-    room: Array
-
-
-class WorkingSetQp:
-    r"""The input nearest to the nominal one, by a solver that sees only the rows that matter.
-
-    .. math:: \min_v (v - v^{des})^T H (v - v^{des}) + w \sum_i s_i^2
-        \quad\text{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
-
-    (without s where no weight is given). It starts from the rows that the nominal input violates and those that were
-    at their limit last time, solves, checks all rows, adds the violated ones and repeats until there is none: then the
-    optimum for these rows is that for all, exactly. The solver is the smallest of a few persistent ones that fits.
-    """
-
-    def __init__(self, nv: int, n_rows: int, slack_weight: float | None = None) -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``slack_weight``: w of each row, ``None`` for rows that hold."""
-        self._nv = nv
-        self._weight = slack_weight
-        self._sizes = [c for c in CAPACITIES if c < n_rows] + [n_rows]
-        self._solvers: dict[int, _SizedSolver] = {}
-        self._last: Indices = np.zeros(0, dtype=np.intp)
-        self._working: Indices = np.zeros(0, dtype=np.intp)
-
-    def solve(self, problem: Problem, b: Array, scale: Array | None = None, start: Indices | tuple[()] = ()) -> Optimum:
-        """Solve one problem.
-
-        Args:
-            problem: all but the conditions' right-hand sides.
-            b: shape (n_rows,) right-hand sides.
-            scale: shape (n_rows,) factor on each row, so that its weight is ``w scale^2``; ``None`` for 1.
-            start: further rows to start from.
-        """
-        A, room = np.ascontiguousarray(problem.spaces.A), np.empty(b.size)
-        chosen = problem.violated.copy()
-        chosen[self._last] = problem.spaces.active[self._last]
-        if len(start):
-            chosen[start] = True
-        while True:
-            working = self._working = seat(self._working, chosen)
-            v = self._solve_for(problem, A[working], b[working], None if scale is None else scale[working])
-            if v is None:
-                return Optimum(None, working, np.zeros(0))
-            if not add_violated(A, v, b, BEYOND, chosen, room):
-                self._last = working[room[working] < BEYOND]
-                return Optimum(v, working, room)
-
-    def _solve_for(self, problem: Problem, A: Array, b: Array, scale: Array | None) -> Array | None:
-        """The optimum for these rows alone."""
-        if scale is not None:
-            A, b = A * scale[:, None], b * scale
-        size = next(s for s in self._sizes if s >= b.size)
-        if size not in self._solvers:
-            self._solvers[size] = _SizedSolver(self._nv, size, self._weight)
-        return self._solvers[size].solve(problem, A, b)
-
-
-class _SizedSolver:
-    """A persistent solver with its buffers, for up to ``size`` rows."""
-
-    def __init__(self, nv: int, size: int, slack_weight: float | None) -> None:
-        weights = None if slack_weight is None else np.full(size, slack_weight)
-        self._qp: QpSolver = make_solver("daqp", nv, size, weights)
-        self._nv = nv
-        # a row that is not in use is a bounded variable, out of reach
-        self._idle = np.eye(1, nv)
-        self._rows = np.tile(self._idle, (size, 1))
-        self._lower, self._upper = np.full(nv + size, -UNBOUNDED), np.full(nv + size, UNBOUNDED)
-        self._used = 0
-
-    def solve(self, problem: Problem, A: Array, b: Array) -> Array | None:
-        n, m = self._nv, b.size
-        self._rows[:m] = A
-        if m < self._used:
-            self._rows[m : self._used] = self._idle
-            self._lower[n + m : n + self._used] = -UNBOUNDED
-        self._used = m
-        self._lower[:n], self._upper[:n] = problem.lower, problem.upper
-        self._lower[n : n + m] = b
-        gradient = -(problem.hessian @ problem.v_des)
-        solution = self._qp.solve(problem.hessian, gradient, self._rows, self._lower, self._upper)
-        if solution.status != "optimal":
-            return None
-        return np.minimum(np.maximum(solution.x, problem.lower), problem.upper)
 
 
 class NearestQp:
@@ -197,8 +74,14 @@ class NearestQp:
     Where the conditions can hold s* is zero, so the first phase is done only where they cannot. Source: eqs. (12),
     (13) of the p-SSA paper with p = 2 and unit weights; eq. (33) of Lee et al. where the conditions can hold.
 
-    A row that cannot hold and that nothing moves to speak of (``LEVER``, ``EASE``) is left out and stays violated:
-    its compromise with the others would be full speed for next to nothing. Should rounding leave the second phase
+    A row that cannot hold and that nothing moves to speak of (``LEVER``, ``EASE``) is left out of both phases and stays
+    violated: its compromise with the others would be full speed, in a direction that rounding decides, for next to
+    nothing. So the slack is the least to within
+
+    .. math:: \|s\| \le (1 + \mathrm{EASE}) \|s^*\|
+
+    and each row left out is short of at most ``LEVER`` times the widest bound's range more than at its best. Without
+    such rows it is the least, to rounding (``SLACK_PULL``, ``SLACK_ROUNDING``). Should rounding leave the second phase
     without an answer, that of the first is taken.
 
     After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
@@ -290,13 +173,18 @@ class CartesianPush:
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
-
-        def push(i: int) -> Array:
-            jac, direction = (rows.jac[i : i + 1], np.ones(1)) if rows.cartesian is None else rows.cartesian(i)
-            towards = np.linalg.solve(problem.hessian, jac.T)
-            return towards @ (np.linalg.pinv(jac @ towards, rcond=RANK, hermitian=True) @ (self._push[i] * direction))
-
-        return _pushed(problem, push)
+        if (i := _pushed_row(problem)) is None:
+            return Resolved(problem.clipped())
+        jac, direction = (rows.jac[i : i + 1], np.ones(1)) if rows.cartesian is None else rows.cartesian(i)
+        if jac.ndim != 2 or jac.shape[1] != problem.v_des.size or direction.shape != jac.shape[:1]:
+            shapes = f"shapes {jac.shape} and {direction.shape}, expected (k, {problem.v_des.size}) and (k,)"
+            return Resolved(None, cause=f"Jacobian and direction of row {i}'s point have {shapes}")
+        towards = np.linalg.solve(problem.hessian, jac.T)
+        moved = jac @ towards
+        if not all_finite(moved, direction):
+            return Resolved(None, cause=f"Jacobian or direction of row {i}'s point is not finite or too large")
+        strength = np.linalg.pinv(moved, rcond=RANK, hermitian=True) @ (self._push[i] * direction)
+        return _pushed(problem, towards @ strength)
 
 
 class JointPush:
@@ -313,13 +201,23 @@ class JointPush:
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
-        return _pushed(problem, lambda i: self._push[i] * np.linalg.solve(problem.hessian, problem.spaces.A[i]))
+        if (i := _pushed_row(problem)) is None:
+            return Resolved(problem.clipped())
+        return _pushed(problem, self._push[i] * np.linalg.solve(problem.hessian, problem.spaces.A[i]))
 
 
-def _pushed(problem: Problem, push: Callable[[int], Array]) -> Resolved:
-    """The nominal input and the push of the row that is active, if there is one, between the bounds."""
+def _pushed_row(problem: Problem) -> int | None:
+    """The row that is active, if there is one."""
     active = np.flatnonzero(problem.spaces.active)
-    v = problem.v_des if not active.size else problem.v_des + push(int(active[0]))
+    return int(active[0]) if active.size else None
+
+
+def _pushed(problem: Problem, push: Array) -> Resolved:
+    """The nominal input and a push, between the bounds."""
+    v = problem.v_des + push
+    if not all_finite(v):
+        # clipped, an infinite push would look like an ordinary one
+        return Resolved(None, cause="the push is not finite")
     return Resolved(np.clip(v, problem.lower, problem.upper))
 
 

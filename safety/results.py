@@ -1,5 +1,6 @@
 """What a filter answers, and how to read it."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
@@ -30,7 +31,7 @@ class FilterStatus(IntEnum):
     FAILED = 3
     """No answer: the stop action, never the nominal input. ``cause`` says why."""
     UNSAFE = 4
-    """The nominal input, clipped, although none satisfies every condition: only where that was asked for."""
+    """The nominal input, clipped, because no solution was found: only where that was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +41,8 @@ class FilterResult:
     Attributes:
         v: shape (nv,) the input to use: a velocity, or an acceleration for order 2.
         status: what was done.
-        slack: largest violation of an active condition by ``v`` [m/s or rad/s], recomputed from ``v``; 0 for none.
+        slack: largest violation of an active condition by ``v`` [m/s or rad/s], recomputed from ``v``; 0 for none,
+            infinite where it cannot be told.
         worst_row: index of that condition; -1 for none.
         active: number of conditions at their limit (to ``ACTIVE``) or beyond it.
         relaxed: indices of the conditions that ``v`` violates by more than ``RELAXED``, ascending.
@@ -79,7 +81,8 @@ def report(
 
     Args:
         v: shape (nv,) the input that is returned; kept, not copied.
-        status: what was done; ``FILTERED`` becomes ``RELAXED`` where ``v`` violates a condition.
+        status: what was done; ``FILTERED`` becomes ``RELAXED`` where ``v`` violates a condition, and any becomes
+            ``FAILED`` where a condition has no number at ``v`` or violates it without bound.
         spaces: the conditions.
         cause: see :class:`FilterResult`.
         candidates: likewise; kept only where ``v`` violates a condition.
@@ -87,7 +90,12 @@ def report(
     gap = _room(spaces.A, v, spaces.b)
     if gap.size == 0:
         return FilterResult(v, status, 0.0, -1, 0, cause=cause)
+    # where there are NaN, the first of them
     worst = int(gap.argmin())
+    if not math.isfinite(gap[worst]):
+        active = int(np.count_nonzero(~(gap >= ACTIVE)))
+        cause = cause or f"condition {worst} is not finite at the answer"
+        return FilterResult(v, FilterStatus.FAILED, math.inf, worst, active, cause=cause)
     slack = max(0.0, -float(gap[worst]))
     close = np.flatnonzero(gap < ACTIVE)
     active = close.size

@@ -8,6 +8,7 @@ import numpy as np
 
 from robots.messages import Array
 from safety.conditions import RowParameters, cbf
+from safety.kernels import room
 from safety.rows import BarrierRows, HalfSpaces
 
 
@@ -35,7 +36,7 @@ def index_rows(rows: BarrierRows, v: Array, parameters: RowParameters) -> Barrie
         ValueError: the rows have no curvature.
     """
     curvature = _curvature(rows)
-    rate = rows.jac @ v + rows.drift
+    rate = room(rows.jac, v, -rows.drift)
     k, n = parameters.index_gain, parameters.index_power
     size = np.abs(rows.h)
     h = np.sign(rows.h) * size**n - parameters.margin**n + k * rate
@@ -62,7 +63,7 @@ def ecbf_rows(rows: BarrierRows, v: Array, parameters: RowParameters) -> Barrier
         ValueError: the rows have no curvature.
     """
     curvature = _curvature(rows)
-    rate = rows.jac @ v + rows.drift
+    rate = room(rows.jac, v, -rows.drift)
     h = rate + parameters.alpha * (rows.h - parameters.margin)
     return BarrierRows(h, rows.jac, curvature + parameters.alpha * rate, rows.family, None, rows.cartesian)
 

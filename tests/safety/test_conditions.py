@@ -18,6 +18,7 @@ from safety.conditions import (
     sss,
     worst_row,
 )
+from safety.filter_kinds import KINDS
 from safety.rows import FAMILIES, BarrierRows
 
 ALPHAS = (3.0, 5.0, 7.0, 11.0, 13.0, 17.0)
@@ -119,6 +120,46 @@ def test_parameters_that_are_not_positive_numbers_are_refused_by_name(name: str,
     assert error.value.value is value
 
 
+@pytest.mark.parametrize(
+    ("name", "value", "source"),
+    [
+        ("eta", 0.5, "p-SSA paper, sec. V-C: for every index"),
+        ("slack_weight", 10.0, "p-SSA paper, sec. V-E: r-SSA with ten times the identity"),
+        ("slope", 10.0, "SPARK, Table 11, G1FixedBase_D1_AG_SO_v0: lambda_sss"),
+        ("push_cartesian", 0.1, "SPARK, Table 11, G1FixedBase_D1_AG_SO_v0: c_pfm"),
+        ("push_joint", 40.0, "SPARK, Table 11, G1FixedBase_D1_AG_SO_v0: c_sma"),
+        ("index_power", 1.0, "SPARK, second-order index: n = 1 is the linear one, that of the p-SSA paper's eq. (3)"),
+        ("index_gain", 1.0, "ours: SPARK leaves k to the user"),
+        ("alpha", 5.0, "ours"),
+        ("epsilon", 5.0, "ours"),
+    ],
+)
+def test_defaults_are_those_of_the_papers(name: str, value: float, source: str) -> None:
+    assert getattr(FamilyParameters(), name) == value, source
+    np.testing.assert_array_equal(BarrierParameters().values(name), np.full(len(FAMILIES), value), err_msg=source)
+
+
+@pytest.mark.parametrize(
+    ("family", "margin", "source"),
+    [
+        ("obstacle", 0.05, "p-SSA paper, sec. V-B: d_min,env"),
+        ("self_collision", 0.01, "p-SSA paper, sec. V-B: d_min,self"),
+        ("leg_collision", 0.01, "p-SSA paper, sec. V-B: d_min,self"),
+        ("joint_limit", 0.05, "ours: 10 rad/s for 5 ms"),
+        ("workspace", 0.02, "ours: 4 m/s for 5 ms"),
+        ("custom", 0.05, "ours: as obstacles"),
+    ],
+)
+def test_default_margins_are_those_of_the_papers(family: str, margin: float, source: str) -> None:
+    index = FAMILIES.index(family)
+    assert FamilyParameters().margin is None
+    for name in ("ssa", "rssa", "pssa", "sss", "pfm", "sma"):
+        assert BarrierParameters().margins(KINDS[name].margins)[index] == margin, source
+    # those of Lee et al. act on the barrier as it is
+    for name in ("none", "cbf", "issf", "ecbf"):
+        assert BarrierParameters().margins(KINDS[name].margins)[index] == 0.0
+
+
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1"])
 def test_margins_that_are_not_distances_are_refused(value: object) -> None:
     with pytest.raises(ConfigError, match=r"margin = .*0 or above"):
@@ -182,3 +223,12 @@ def test_worst_row_is_the_deepest_inside_its_margin_and_none_outside(rows: Barri
     assert spaces.active[np.argmax(p.margin - rows.h)]
     np.testing.assert_array_equal(spaces.b, -rows.drift)
     assert not worst_row(replace(rows, h=p.margin + np.abs(rows.h) + 1e-12), p).active.any()
+
+
+def test_the_worst_row_is_that_of_the_largest_number_whatever_its_unit() -> None:
+    joint, obstacle = FAMILIES.index("joint_limit"), FAMILIES.index("obstacle")
+    family = np.array([joint, obstacle], dtype=np.intp)
+    p = BarrierParameters().of_rows(family, SET_MARGINS)
+    for h, worst in (([-0.02, -0.01], 0), ([-0.01, -0.02], 1)):
+        rows = BarrierRows(np.array(h), np.eye(2), np.zeros(2), family)
+        np.testing.assert_array_equal(np.flatnonzero(worst_row(rows, p).active), [worst])

@@ -1,4 +1,4 @@
-"""What holding the velocity for a step costs, on robots' own rows: the bounds stated in ``safety.conditions``."""
+"""What holding velocity or acceleration for a step costs, on robots' own rows: the bounds in ``safety.conditions``."""
 
 from dataclasses import dataclass, replace
 
@@ -9,10 +9,12 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
+from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import KINDS, FilterStatus, SafetyFilter
-from safety.rows import FAMILIES
+from safety.obstacles import Obstacle
+from safety.rows import FAMILIES, BarrierRows
+from safety.second_order import ecbf_rows, index_rows
 
 ALPHA = SLOPE = 20.0
 ETA = 0.3
@@ -20,10 +22,13 @@ PUSH = 0.6
 """Rate at which the nominal velocity makes the pushed row fall [m/s, rad/s]."""
 
 STEPS = (0.001, 0.002, 0.005, 0.010, 0.020)
-PARTS = 8
+PARTS = 4
 """Places along a step where the rates are looked at."""
 
-PUSHED = ("joint_limit", "workspace", "self_collision")
+PUSHED = ("joint_limit", "workspace", "self_collision", "obstacle")
+SPEED = 0.5
+"""At which a sphere comes towards the robot [m/s]."""
+
 ROUNDING = 1e-8
 
 
@@ -50,32 +55,51 @@ class Course:
     family: slice
 
 
-def run(robot: RobotDescription, name: str, family: str, dt: float, duration: float = 0.3) -> Course:
-    """Push the closest row of a family and hold each velocity for ``dt``."""
+def coming_sphere(kin: Kinematics) -> Obstacle:
+    """A sphere before the body that reaches farthest to the front, moving back; ``kin`` has its geometry."""
+    bodies = CollisionBodies(kin)
+    bodies.place(kin)
+    front = bodies.origin[bodies.origin[:, 0].argmax()]
+    return Obstacle.sphere(front + np.array([0.3, 0.1, 0.05]), 0.08, np.array([-SPEED, 0.0, 0.0]))
+
+
+def set_obstacle(barriers: BarrierSet, obstacle: Obstacle) -> None:
+    next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).set_obstacles([obstacle])
+
+
+def run(
+    robot: RobotDescription, name: str, family: str, dt: float, duration: float = 0.3, push: float = PUSH
+) -> Course:
+    """Push the closest row of a family and hold each velocity for ``dt``; a sphere comes nearer meanwhile."""
     kin = Kinematics(robot)
-    barriers = standard_barriers(kin)
+    barriers = standard_barriers(kin, ("sphere",))
     parameters = BarrierParameters(**{f: FamilyParameters(alpha=ALPHA, slope=SLOPE, eta=ETA) for f in FAMILIES})
     safety_filter = SafetyFilter(name, barriers.size, parameters, np.full(kin.nv, 100.0))
     q = standing_configuration(robot, "hands_front")
     kin.update_geometry(q)
+    sphere = coming_sphere(kin)
+    set_obstacle(barriers, sphere)
     cut, rows = barriers.slices[family], barriers.evaluate(kin)
     margin = parameters.margins(KINDS[name].margins)[rows.family]
     row = cut.start + int((rows.h - margin)[cut].argmin())
     # the family begins some steps of the push above where the filter wakes up, whatever the posture
     lift = margin[row] + 0.08 - rows.h[row]
     heights, rates, bends, falls = [], [], [], []
-    for _ in range(round(duration / dt)):
+    for step in range(round(duration / dt)):
         kin.update_geometry(q)
+        set_obstacle(barriers, sphere.after(step * dt))
         rows = barriers.evaluate(kin)
         h, jac = rows.h.copy(), rows.jac.copy()
         h[cut] += lift
-        nominal = -PUSH * jac[row] / (jac[row] @ jac[row])
+        nominal = -push * jac[row] / (jac[row] @ jac[row])
         result = safety_filter.apply(replace(rows, h=h), nominal)
         assert result.status in {FilterStatus.UNCHANGED, FilterStatus.FILTERED}
         along = []
         for k in range(PARTS + 1):
             kin.update_geometry(kin.integrate(q, result.v, k * dt / PARTS))
-            along.append(barriers.evaluate(kin).jac @ result.v)
+            set_obstacle(barriers, sphere.after((step + k / PARTS) * dt))
+            rows = barriers.evaluate(kin)
+            along.append(rows.jac @ result.v + rows.drift)
         slopes = [np.abs(along[k] - along[0]) / (k * dt / PARTS) for k in range(1, PARTS + 1)]
         heights.append(h)
         rates.append(along[0])
@@ -83,6 +107,7 @@ def run(robot: RobotDescription, name: str, family: str, dt: float, duration: fl
         falls.append(np.maximum(0.0, -np.min(along, axis=0)))
         q = kin.integrate(q, result.v, dt)
     kin.update_geometry(q)
+    set_obstacle(barriers, sphere.after(round(duration / dt) * dt))
     last = barriers.evaluate(kin).h.copy()
     last[cut] += lift
     return Course(np.array([*heights, last]), np.array(rates), np.array(bends), np.array(falls), margin, row, cut)
@@ -140,3 +165,131 @@ def test_sublevel_safe_sets_lose_one_step_or_what_control_barriers_lose(
     # the default margins allow for that, up to 10 ms
     assert dt > 0.01 or (course.h >= 0)[:, rows].all()
     assert (course.h <= course.margin)[:, course.family].any()
+
+
+@pytest.mark.parametrize("dt", STEPS)
+@pytest.mark.parametrize("name", ["ssa", "sss"])
+def test_an_obstacles_own_speed_counts(robot: RobotDescription, name: str, dt: float) -> None:
+    """The robot stands still until the sphere is inside the margin: its speed alone carries it in."""
+    course = run(robot, name, "obstacle", dt, push=0.0)
+    # it comes in within a step, from outside: before that the robot does not move, and V is the sphere's speed
+    first = int((course.h[:, course.row] <= course.margin[course.row]).argmax())
+    assert first > 0
+    assert 0.5 * SPEED < -course.rate[first - 1, course.row] <= SPEED
+    depth = course.margin[course.row] - course.h[first, course.row]
+    assert 0.0 <= depth <= dt * course.fall[:first, course.row].max() + ROUNDING
+    assert (
+        course.h[:, course.row] >= course.margin[course.row] - dt * course.fall[:, course.row].max() - ROUNDING
+    ).all()
+
+
+GAIN = 0.1
+"""k of the index [s]."""
+
+LAG = 0.05
+"""Time in which the nominal acceleration brings the velocity to that of the push [s]."""
+
+
+@dataclass
+class IndexCourse:
+    """One closed-loop run with accelerations.
+
+    Attributes:
+        index: of n rows at the steps, and its rate, bend and fall, as those of h in :class:`Course`.
+        within: shape (steps, PARTS + 1, n) the index along each step.
+        h: shape (steps + 1, n) of the rows themselves.
+        margin: shape (n,).
+    """
+
+    index: Course
+    within: Array
+    h: Array
+    margin: Array
+
+
+class Accelerated:
+    """A robot on a fixed base, where constant acceleration is a parabola of the joints, and the rows that it has."""
+
+    def __init__(self, robot: RobotDescription, name: str, family: str) -> None:
+        self.kin = kin = Kinematics(robot, base="fixed")
+        self.barriers = standard_barriers(kin, ("sphere",))
+        values = FamilyParameters(alpha=ALPHA, slope=SLOPE, eta=ETA, index_gain=GAIN)
+        self.parameters = BarrierParameters(**dict.fromkeys(FAMILIES, values))
+        self.name, self.q, self.v, self.lift = name, kin.posture("hands_front"), np.zeros(kin.nv), 0.0
+        kin.update_geometry(self.q)
+        self.sphere = coming_sphere(kin)
+        self.cut = self.barriers.slices[family]
+        rows = self.rows(0.0)
+        self.p = self.parameters.of_rows(rows.family, KINDS[name].margins)
+        self.row = self.cut.start + int((rows.h - self.p.margin)[self.cut].argmin())
+        self.lift = self.p.margin[self.row] + 0.05 - rows.h[self.row]
+
+    def rows(self, time: float, ahead: float = 0.0, u: Array | float = 0.0) -> BarrierRows:
+        """At a time [s], a bit ahead of the state with acceleration ``u``."""
+        velocity = self.v + ahead * u
+        self.kin.update_motion(self.q + ahead * self.v + 0.5 * ahead**2 * u, velocity)
+        self.kin.update_second_order()
+        set_obstacle(self.barriers, self.sphere.after(time + ahead))
+        rows = self.barriers.evaluate(self.kin, second_order=True)
+        assert rows.curvature is not None
+        h = rows.h.copy()
+        h[self.cut] += self.lift
+        copies = {name: getattr(rows, name).copy() for name in ("jac", "drift", "curvature")}
+        return replace(rows, h=h, **copies)
+
+    def index(self, rows: BarrierRows, velocity: Array) -> BarrierRows:
+        return (ecbf_rows if self.name == "ecbf" else index_rows)(rows, velocity, self.p)
+
+    def run(self, dt: float, duration: float = 0.4) -> IndexCourse:
+        n = self.barriers.size
+        safety_filter = SafetyFilter(self.name, n, self.parameters, np.full(self.kin.nv, 1e4), order=2, dt=dt)
+        heights, rates, bends, falls, within, raw = [], [], [], [], [], []
+        for step in range(round(duration / dt)):
+            rows = self.rows(step * dt)
+            jac = rows.jac[self.row]
+            result = safety_filter.apply(rows, (-PUSH * jac / (jac @ jac) - self.v) / LAG, velocity=self.v)
+            assert result.status in {FilterStatus.UNCHANGED, FilterStatus.FILTERED}
+            values, along = [], []
+            for k in range(PARTS + 1):
+                ahead = k * dt / PARTS
+                index = self.index(self.rows(step * dt, ahead, result.v), self.v + ahead * result.v)
+                values.append(index.h)
+                along.append(index.jac @ result.v + index.drift)
+            slopes = [np.abs(along[k] - along[0]) / (k * dt / PARTS) for k in range(1, PARTS + 1)]
+            rates.append(along[0])
+            bends.append(np.max(slopes, axis=0))
+            falls.append(np.maximum(0.0, -np.min(along, axis=0)))
+            heights.append(values[0])
+            within.append(values)
+            raw.append(rows.h)
+            self.q, self.v = self.q + dt * self.v + 0.5 * dt**2 * result.v, self.v + dt * result.v
+        heights.append(values[-1])
+        raw.append(self.rows(round(duration / dt) * dt).h)
+        margin, zero = self.p.margin, np.zeros(n)
+        course = Course(*map(np.array, (heights, rates, bends, falls)), zero, self.row, self.cut)
+        return IndexCourse(course, np.array(within), np.array(raw), margin)
+
+
+@pytest.mark.parametrize("dt", [0.005, 0.010])
+@pytest.mark.parametrize("family", PUSHED)
+@pytest.mark.parametrize("name", ["cbf", "ecbf", "ssa", "sss"])
+def test_with_accelerations_the_bounds_are_those_of_the_index(
+    robot: RobotDescription, name: str, family: str, dt: float
+) -> None:
+    course = Accelerated(robot, name, family).run(dt)
+    index = course.index
+    rows, bent = sound_rows(index), index.bend.max(axis=0) * dt / 2
+    one_step = dt * index.fall.max(axis=0)
+    if name == "ssa":
+        rows &= index.bend.max(axis=0) * dt <= 2 * ETA
+    lost = {"cbf": bent / ALPHA, "ecbf": bent / ALPHA, "ssa": one_step, "sss": np.maximum(one_step, bent / SLOPE)}[name]
+    assert rows[index.row]
+    assert (index.h >= -lost - ROUNDING)[:, rows].all()
+    # within the steps too
+    assert (course.within >= -lost - ROUNDING)[:, :, rows].all()
+    # and then h itself sinks no lower than the index
+    assert (course.h[0] >= course.margin)[rows].all()
+    delta = np.maximum(0.0, -course.within.min(axis=(0, 1))) / (ALPHA if name == "ecbf" else 1.0)
+    assert (course.h >= course.margin - delta - ROUNDING)[:, rows].all()
+    # the push arrives
+    assert index.h[:, index.row].min() < 0.02

@@ -14,6 +14,8 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers import standard_barriers
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import CONDITIONS, FILTERS, KINDS, RELAXED, FilterResult, FilterStatus, SafetyFilter, explain
+from safety.resolutions import Resolved
+from safety.results import report
 from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.second_order import ecbf_rows, index_rows, without_margin
 
@@ -211,13 +213,216 @@ def test_old_inputs_are_refused(name: str, order: int) -> None:
     assert apply(make(name, order, nv, n, max_age=0.5), case, age=0.3).status == FilterStatus.UNCHANGED
 
 
-@pytest.mark.parametrize(("name", "order"), SAFE)
-def test_rows_of_another_shape_are_refused(name: str, order: int) -> None:
+def misshapen(nv: int, n: int, order: int) -> list[tuple[str, tuple[int, ...], str]]:
+    """Inputs, shapes that they must not have, and the shapes expected."""
+    wrong: list[tuple[str, tuple[int, ...], str]] = [
+        ("jac", (n, nv - 1), f"({n}, {nv})"),
+        ("jac", (n + 1, nv), f"({n}, {nv})"),
+        ("jac", (n * nv,), f"({n}, {nv})"),
+    ]
+    for part in ("h", "drift", "family", *(("curvature",) if order == 2 else ())):
+        # the first one is what numpy would stretch over all rows
+        wrong += [(part, shape, f"({n},)") for shape in ((1,), (), (n - 1,), (n + 1,), (n, 1), (1, n))]
+    for part in ("nominal", *(("velocity",) if order == 2 else ())):
+        wrong += [(part, shape, f"({nv},)") for shape in ((1,), (), (nv + 1,), (nv, 1))]
+    for part in ("feet", "balance", "hands"):
+        wrong += [(part, shape, f"(any number, {nv})") for shape in ((3, nv - 1), (nv,), (3, 1), (1, 3, nv))]
+    return wrong
+
+
+@pytest.mark.parametrize(("name", "order"), [*SAFE, ("none", 1), ("none", 2)])
+def test_arrays_of_another_shape_are_refused_by_name(name: str, order: int) -> None:
     nv, n = SIZES[0]
     case = random_case(np.random.default_rng(6), nv, n)
-    result = apply(make(name, order, nv, n + 1), case)
+    safety_filter = make(name, order, nv, n)
+    for part, shape, expected in misshapen(nv, n, order):
+        rows, inputs = case.rows, {"v_des": case.nominal, "velocity": case.velocity}
+        if hasattr(rows, part):
+            rows = replace(rows, **{part: np.ones(shape, dtype=getattr(rows, part).dtype)})
+        else:
+            inputs["v_des" if part == "nominal" else part] = np.ones(shape)
+        result = safety_filter.apply(rows, **inputs)
+        assert result.status == FilterStatus.FAILED
+        assert part in result.cause
+        assert f"has shape {shape}, expected {expected}" in result.cause
+        assert result.v.shape == (nv,)
+        np.testing.assert_array_equal(result.v, stop(order, inputs["velocity"], nv))
+    # Jacobians of no rows are none
+    for part in ("feet", "balance", "hands"):
+        few = safety_filter.apply(case.rows, case.nominal, velocity=case.velocity, **{part: np.zeros((0, nv))})
+        assert few.status != FilterStatus.FAILED
+
+
+def stop(order: int, velocity: Array, nv: int) -> Array:
+    """The stop action: for accelerations it brakes wherever the velocity can be read."""
+    if order == 1 or velocity.shape != (nv,):
+        return np.zeros(nv)
+    return np.clip(-np.clip(velocity, -1e3, 1e3) / DT, -20, 20)
+
+
+@pytest.mark.parametrize(("name", "order"), SAFE)
+@pytest.mark.parametrize("family", [-1, len(FAMILIES), 0.5])
+def test_rows_of_no_family_are_refused(name: str, order: int, family: float) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(11), nv, n)
+    safety_filter = make(name, order, nv, n)
+    families = case.rows.family.astype(type(family))
+    families[n // 2] = family
+    # twice: what was refused once is not taken for known
+    for _ in range(2):
+        result = apply(safety_filter, replace(case, rows=replace(case.rows, family=families)))
+        assert result.status == FilterStatus.FAILED
+        assert "family of the barrier rows has to be integers from 0 to 5" in result.cause
+    assert apply(safety_filter, case).status != FilterStatus.FAILED
+
+
+PUSHES = [(name, order) for name, order in SAFE if KINDS[name].resolution.startswith("push")]
+
+
+def check_failed(order: int, case: Case, result: FilterResult, cause: str) -> None:
     assert result.status == FilterStatus.FAILED
-    assert f"({n}, {nv}, {nv}), expected ({n + 1}, {nv}, {nv})" in result.cause
+    assert cause in result.cause
+    np.testing.assert_array_equal(result.v, stop(order, case.velocity, case.nominal.size))
+
+
+@pytest.mark.parametrize("order", KINDS["pfm"].orders)
+@pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf, 1e300])
+def test_points_that_are_pushed_have_finite_jacobians_and_directions(order: int, value: float) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(12), nv, n, close=0.3)
+    safety_filter = make("pfm", order, nv, n)
+    given = case.rows.cartesian
+    assert given is not None
+    for part in range(2):
+
+        def cartesian(i: int, part: int = part) -> tuple[Array, Array]:
+            arrays = given(i)[0].copy(), given(i)[1].copy()
+            arrays[part].flat[1] = value
+            return arrays
+
+        # a direction of 1e300 is a large push, and clipped like any other
+        if part == 0 or not np.isfinite(value):
+            result = apply(safety_filter, replace(case, rows=replace(case.rows, cartesian=cartesian)))
+            check_failed(order, case, result, "point is not finite")
+
+
+@pytest.mark.parametrize("order", KINDS["pfm"].orders)
+@pytest.mark.parametrize("shapes", [((3, 34), (3,)), ((35,), (1,)), ((3, 35), (1,)), ((3, 35), (3, 1))])
+def test_points_that_are_pushed_have_jacobians_and_directions_that_fit(
+    order: int, shapes: tuple[tuple[int, ...], tuple[int, ...]]
+) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(13), nv, n, close=0.3)
+    rows = replace(case.rows, cartesian=lambda _: (np.ones(shapes[0]), np.ones(shapes[1])))
+    result = apply(make("pfm", order, nv, n), replace(case, rows=rows))
+    check_failed(order, case, result, f"shapes {shapes[0]} and {shapes[1]}, expected (k, {nv}) and (k,)")
+
+
+@pytest.mark.parametrize(("name", "order"), PUSHES)
+def test_pushes_without_a_finite_answer_are_refused(name: str, order: int) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(14), nv, n, close=0.3)
+    safety_filter = make(name, order, nv, n)
+    # one row in all columns: the metric is singular to rounding
+    singular = apply(safety_filter, replace(case, feet=np.full((3, nv), 1e8)))
+    check_failed(order, case, singular, "linear equations have no answer")
+    family = FamilyParameters(push_cartesian=1e308, push_joint=1e308, margin=0.1)
+    parameters = BarrierParameters(**dict.fromkeys(FAMILIES, family))
+    options = {} if order == 1 else {"order": 2, "dt": DT}
+    hard = SafetyFilter(name, n, parameters, np.full(nv, 20.0), **options)  # type: ignore[arg-type]
+    stretched = replace(
+        case, rows=replace(case.rows, jac=1e3 * case.rows.jac, cartesian=lambda _: (np.eye(1, nv), np.full(1, 10.0)))
+    )
+    check_failed(order, case, apply(hard, stretched), "the push is not finite")
+
+
+@pytest.mark.parametrize(("name", "order"), SAFE)
+def test_an_answer_that_is_not_finite_is_refused(name: str, order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(15), nv, n, close=0.3)
+    safety_filter = make(name, order, nv, n)
+    assert apply(safety_filter, case).status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
+    for value in (np.nan, np.inf):
+        answer = np.ones(nv)
+        answer[3] = value
+        monkeypatch.setattr(safety_filter._resolution, "resolve", lambda *_, v=answer: Resolved(v))
+        check_failed(order, case, apply(safety_filter, case), "the answer is not finite")
+
+
+@pytest.mark.parametrize(("name", "order"), SAFE)
+@pytest.mark.parametrize("value", [1e308, -1e308])
+def test_numbers_that_overflow_fail_and_raise_nothing(name: str, order: int, value: float) -> None:
+    """One number near the largest there is, in each array, while numpy is told to raise."""
+    rng = np.random.default_rng(16)
+    nv, n = SIZES[0]
+    safety_filter = make(name, order, nv, n)
+    parts = ("h", "jac", "drift", "nominal", "feet", *(("curvature", "velocity") if order == 2 else ()))
+    for part in parts:
+        case = random_case(rng, nv, n)
+        array = getattr(case, part) if hasattr(case, part) else getattr(case.rows, part)
+        array.flat[rng.integers(array.size)] = value
+        with np.errstate(all="raise"):
+            result = apply(safety_filter, case)
+        assert np.isfinite(result.v).all()
+        assert not np.isnan(result.slack)
+        if result.status == FilterStatus.FAILED:
+            np.testing.assert_array_equal(result.v, stop(order, case.velocity, nv))
+        else:
+            with np.errstate(all="ignore"):
+                check_honest(name, order, case, result)
+
+
+@pytest.mark.parametrize(("name", "order"), [c for c in SAFE if c[0] in {"cbf", "issf", "ecbf"}])
+@pytest.mark.parametrize("value", [1e308, -1e308])
+def test_conditions_that_overflow_are_refused(name: str, order: int, value: float) -> None:
+    nv, n = SIZES[0]
+    case = far(random_case(np.random.default_rng(17), nv, n))
+    case.rows.h[5] = value
+    result = apply(make(name, order, nv, n), case)
+    check_failed(order, case, result, "conditions are not finite")
+    # at the stop action it holds, or is violated, without bound
+    assert result.slack == (0.0 if value > 0 else np.inf)
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+@pytest.mark.parametrize("status", [FilterStatus.UNCHANGED, FilterStatus.FILTERED, FilterStatus.UNSAFE])
+def test_a_condition_without_a_number_is_never_reported_as_held(status: FilterStatus, value: float) -> None:
+    A, b = np.ones((4, 2)), np.array([-9.0, 0.0, -9.0, 7.0])
+    A[2, 1] = value
+    result = report(np.ones(2), status, HalfSpaces(A, b, np.ones(4, dtype=bool)))
+    assert result.status == FilterStatus.FAILED
+    assert (result.slack, result.worst_row, result.active) == (np.inf, 2, 2)
+    assert result.cause == "condition 2 is not finite at the answer"
+
+
+@pytest.mark.parametrize("name", ["cbf", "issf"])
+def test_a_nominal_input_at_which_a_condition_has_no_number_is_not_passed(name: str) -> None:
+    """The gain of the index makes a row overflow that is finite itself."""
+    parameters = BarrierParameters(obstacle=FamilyParameters(index_gain=1e10))
+    safety_filter = SafetyFilter(name, 2, parameters, np.full(2, 20.0), order=2, dt=DT)
+    family = np.full(2, FAMILIES.index("obstacle"), dtype=np.intp)
+    rows = BarrierRows(np.ones(2), np.array([[1e300, -1e300], [0.0, 1.0]]), np.zeros(2), family, np.zeros(2))
+    case = Case(rows, np.full(2, 0.5), None, np.array([0.01, 0.01]))
+    check_failed(2, case, apply(safety_filter, case), "not finite")
+
+
+def test_without_a_filter_bounds_are_not_looked_at() -> None:
+    nv, n = SIZES[0]
+    for order in (1, 2):
+        case = random_case(np.random.default_rng(18), nv, n)
+        result = apply(make("none", order, nv, n), replace(case, nominal=1e3 * case.nominal))
+        assert result.status == FilterStatus.UNCHANGED
+        np.testing.assert_array_equal(result.v, 1e3 * case.nominal)
+
+
+@pytest.mark.parametrize("name", [name for name, order in SAFE if order == 2])
+def test_where_the_velocity_is_not_known_the_stop_action_coasts(name: str) -> None:
+    nv, n = SIZES[0]
+    case = random_case(np.random.default_rng(19), nv, n)
+    safety_filter = make(name, 2, nv, n)
+    np.testing.assert_array_equal(safety_filter.apply(case.rows, case.nominal).v, np.zeros(nv))
+    known = safety_filter.apply(case.rows, case.nominal, age=1.0, velocity=case.velocity)
+    np.testing.assert_array_equal(known.v, np.clip(-case.velocity / DT, -20, 20))
 
 
 @pytest.mark.parametrize("name", [n for n in FILTERS if n != "none"])
@@ -247,6 +452,7 @@ def test_conflicts_relax_by_default_and_pass_the_nominal_only_where_that_was_ask
             assert unsafe.status == FilterStatus.RELAXED
             continue
         assert unsafe.status == FilterStatus.UNSAFE
+        assert unsafe.cause == "no solution found: the nominal input is passed on"
         check_honest(name, order, case, unsafe)
         check_bounds(order, case, unsafe)
         if order == 1:

@@ -1,19 +1,14 @@
 """Compiled passes over all rows: against numpy, and against linear programming."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 from robots.messages import Array
-from safety.kernels import (
-    add_violated,
-    all_numbers,
-    least_shortfall,
-    next_to_immovable,
-    obstacle_motion,
-    room,
-    seat,
-)
+from safety.condition_kernels import add_violated, least_shortfall, next_to_immovable, seat
+from safety.kernels import all_numbers, obstacle_motion, room
 from safety.obstacles import Obstacle
 
 
@@ -125,6 +120,23 @@ def test_an_obstacles_numbers_are_its_fields_one_after_the_other() -> None:
     np.testing.assert_array_equal(box.packed, expected)
     fields = (box.position, box.direction, box.rotation.ravel(), box.half_sizes, [box.radius], box.velocity, box.spin)
     np.testing.assert_array_equal(np.concatenate(fields), expected)
-    # nothing that two obstacles could share
-    box.direction[:] = 5.0
-    assert not Obstacle.sphere(np.zeros(3), 0.1).direction.any()
+
+
+def test_an_obstacle_cannot_be_moved_in_place() -> None:
+    three = np.array([1.0, 2.0, 3.0])
+    made = (
+        Obstacle.sphere(three, 0.1, three),
+        Obstacle.capsule(three, 2 * three, 0.1, three, three),
+        Obstacle.box(three, np.eye(3), three, three, three),
+        Obstacle.half_space(three, three, three, three),
+    )
+    for obstacle in (o for one in made for o in (one, one.at_rest(), one.after(0.5), replace(one, position=-three))):
+        for name in ("position", "direction", "rotation", "half_sizes", "velocity", "spin", "packed"):
+            array = getattr(obstacle, name)
+            with pytest.raises(ValueError, match="read-only"):
+                array.flat[0] = 5.0
+            with pytest.raises(ValueError, match="read-only"):
+                array += 1.0
+    # the caller's own arrays stay as they were
+    three[0] = 7.0
+    assert made[0].position[0] == 1.0

@@ -2,12 +2,14 @@
 
 import numpy as np
 import pytest
+from scipy.optimize import Bounds, minimize
 
 from robots.messages import Array
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FilterStatus, SafetyFilter
-from safety.resolutions import NearestQp, Optimum, Problem, WorkingSetQp
+from safety.resolutions import NearestQp
 from safety.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.working_set import Optimum, Problem, WorkingSetQp
 
 OBSTACLE = FAMILIES.index("obstacle")
 V_MAX, ETA = 2.0, 0.5
@@ -54,6 +56,58 @@ def test_a_row_that_next_to_nothing_moves_is_relaxed_and_leaves_the_others_alone
         np.testing.assert_allclose(result.v, others.v, rtol=0, atol=1e-7)
         chosen = list(result.conflict())
         assert chosen == [0] or (conflict and 0 not in chosen and len(chosen) > 1)
+
+
+def least(A: Array, b: Array) -> float:
+    """Root of the least sum of squared violations within the bounds, by another solver."""
+
+    def violation(v: Array) -> tuple[float, Array]:
+        short = np.maximum(0.0, b - A @ v)
+        return 0.5 * float(short @ short), -A.T @ short
+
+    options = {"maxiter": 20000, "ftol": 1e-16, "gtol": 1e-11}
+    found = minimize(violation, np.zeros(A.shape[1]), jac=True, bounds=Bounds(-V_MAX, V_MAX), options=options)
+    return float(np.sqrt(2.0 * found.fun))
+
+
+@pytest.mark.parametrize("name", HARD)
+def test_rows_given_up_cost_at_most_a_thousandth_of_the_least_slack(name: str) -> None:
+    rng = np.random.default_rng(56)
+    given_up = 0
+    for i in range(60):
+        A, _, v_des = problem(rng, False, n=12, nv=8)
+        A[:4] *= 10.0 ** rng.uniform(-6, -2, (4, 1))
+        if i % 2:
+            A[5] = -A[4]
+        b = np.full(12, ETA)
+        own = np.maximum(0.0, b - A @ make(name, 12, 8).apply(rows_for(A, b), v_des).v)
+        assert np.linalg.norm(own) <= (1 + 1e-3) * least(A, b) + 1e-6
+        span = 2 * V_MAX * np.abs(A).sum(axis=1)
+        # beyond its best no row loses more than a ten-thousandth of the bounds' range
+        tiny = (span <= 1e-4 * 2 * V_MAX) & (span <= 1e-3 * (b - 0.5 * span))
+        assert (own <= b + 0.5 * span)[tiny].all()
+        given_up += tiny.any()
+    assert 10 < given_up < 60
+
+
+@pytest.mark.parametrize("name", HARD)
+@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("limit", ["lever", "ease"])
+def test_the_bound_on_what_a_row_given_up_costs_is_reached_and_not_passed(name: str, share: float, limit: str) -> None:
+    """One row just below and just above either limit, and a nominal velocity that goes the wrong way."""
+    lever, ease = 1e-4 * 2 * V_MAX, 1e-3
+    span = lever * (share if limit == "lever" else 0.5)
+    short = span / ease / (share if limit == "ease" else 0.5)
+    A, b = np.array([[span / (2 * V_MAX), 0.0], [0.0, 1.0]]), np.array([short + 0.5 * span, -1.0])
+    result = make(name, 2, 2).apply(rows_for(A, b), np.array([-5.0, 0.0]))
+    if share < 1:
+        # nearest to the nominal velocity: it costs all of the row's span
+        np.testing.assert_allclose(result.v, [-V_MAX, 0.0], rtol=0, atol=1e-9)
+        assert result.slack == pytest.approx(short + span, rel=1e-12)
+        assert result.slack <= (1 + ease) * short
+    else:
+        # held as far as it can be, though that takes full speed
+        assert result.slack == pytest.approx(short, abs=1e-7)
 
 
 def test_a_row_that_only_a_velocity_beyond_the_bounds_could_meet_is_named() -> None:

@@ -1,0 +1,46 @@
+"""Whether the arrays that a filter is given fit together."""
+
+from robots.messages import Array
+from safety.rows import BarrierRows
+
+
+def wrong_shape(
+    n: int,
+    nv: int,
+    rows: BarrierRows,
+    vectors: tuple[tuple[str, Array | None], ...],
+    jacobians: tuple[tuple[str, Array | None], ...],
+) -> str:
+    """What does not have the shape that it should have, in words; empty where all do.
+
+    Numpy would stretch an array with one entry over all rows.
+
+    Args:
+        n: number of barrier rows.
+        nv: number of inputs.
+        rows: each array is looked at, ``curvature`` where there is one.
+        vectors: names and arrays that should be of shape (nv,); ``None`` is left out.
+        jacobians: names and arrays that should be of shape (k, nv), whatever k; ``None`` is left out.
+    """
+    if rows.jac.shape != (n, nv):
+        return _words("jac of the barrier rows", rows.jac, f"({n}, {nv})")
+    line, vector = (n,), (nv,)
+    if not rows.h.shape == rows.drift.shape == rows.family.shape == line or _differs(rows.curvature, line):
+        for name in ("h", "drift", "family", "curvature"):
+            if _differs(array := getattr(rows, name), line):
+                return _words(f"{name} of the barrier rows", array, f"({n},)")
+    for name, array in vectors:
+        if array is not None and array.shape != vector:
+            return _words(name, array, f"({nv},)")
+    for name, array in jacobians:
+        if array is not None and (array.ndim != 2 or array.shape[1] != nv):
+            return _words(f"Jacobian of the {name}", array, f"(any number, {nv})")
+    return ""
+
+
+def _differs(array: Array | None, shape: tuple[int, ...]) -> bool:
+    return array is not None and array.shape != shape
+
+
+def _words(name: str, array: Array, expected: str) -> str:
+    return f"{name} has shape {array.shape}, expected {expected}"

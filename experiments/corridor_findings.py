@@ -69,7 +69,10 @@ def _hand(by_name: dict[str, CorridorRun]) -> Iterator[str]:
     found = [name for name in order if name in PAPER]
     names = " < ".join(by_name[n].title for n in found)
     if found == list(PAPER):
-        yield f"That is the paper's order: p-SSA bounds phi best, r-SSA lets it grow further, naive SSA most ({names})."
+        yield (
+            "That is the paper's order of p-SSA, r-SSA and naive SSA: p-SSA bounds phi best of the three, r-SSA lets "
+            f"it grow further, naive SSA most ({names})."
+        )
     else:
         yield f"That is not the paper's order, p-SSA < r-SSA < naive SSA, but {names}."
 
@@ -142,12 +145,13 @@ def _chatter(runs: Sequence[CorridorRun]) -> Iterator[str]:
     if rough:
         words = ", ".join(
             f"{r.title} (velocities jump by {r.summary['jump_rms']:.2g} rad/s a tick, "
-            f"{r.summary['switches_per_s']:.0f} switches a second)"
+            f"{r.summary['switches_per_s']:.0f} times a second into or out of a margin)"
             for r in rough
         )
         yield (
             f"Chatter: {words}. A condition of the SSA kind is absent below phi = 0 and asks for eta at once above it, "
-            "so a body held at its margin is pushed out in one tick and let in again in the next ones."
+            "so a body held at its margin is pushed out in one tick and let in again in the next ones; those of CBF "
+            "and ISSf-CBF are there all the time and jump only where they are in conflict."
         )
     if calm:
         words = ", ".join(f"{r.title} ({r.summary['jump_rms']:.2g} rad/s)" for r in calm)

@@ -55,7 +55,7 @@ FIGURES = (
     Figure("bound_m", "bound on h for that |d|, self-collision", "mm", 1e3),
     Figure("row_bound_min_m", "bound on h of the closest pair, smallest", "mm", 1e3),
     Figure("margin_self_collision_m", "least room of h above its running bound", "mm", 1e3, "negative"),
-    Figure("bound_held", "h stayed above its running bounds", bad="false"),
+    Figure("bound_held", "h stayed above its running bounds, obstacles apart", bad="false"),
     Figure("hand_rmse_m", "hand error, RMS", "mm", 1e3),
     Figure("hand_rmse_outside_conflict_m", "hand error outside the conflict, RMS", "mm", 1e3),
     Figure("com_error_settled_max_m", "CoM error once settled, largest", "mm", 1e3),

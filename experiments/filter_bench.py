@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 
 import numpy as np
+from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from experiments.console import make_console
@@ -221,15 +222,14 @@ def _figures(times: Array, verdict: Verdict) -> Figures:
 
 def table(cells: Sequence[Cell]) -> Table:
     """The figures of one number of rows and of variables, one scene below the other."""
-    out = Table(title=_title(cells), title_justify="left")
-    for heading in ("", "filter"):
-        out.add_column(heading)
+    out = Table(title=_title(cells), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    out.add_column("filter", no_wrap=True)
     for heading in ("solve", "p99", "total", "p99", "changed", "violated", "no input", "failed"):
         out.add_column(heading, justify="right", no_wrap=True)
     for cell in cells:
-        for i, (name, figures) in enumerate(cell.filters.items()):
-            out.add_row("" if i else cell.scene, KINDS[name].title, *_row(figures))
-        out.add_section()
+        out.add_row(cell.scene, style="bold")
+        for name, figures in cell.filters.items():
+            out.add_row(f" {KINDS[name].title}", *_row(figures))
     return out
 
 

@@ -31,7 +31,7 @@ CAPTIONS = (
     (
         "Distances",
         distances.barrier_plot,
-        "Distance between the bodies that came closest; below zero they overlap.",
+        "Distance of hands and torso where they came closest, then the smallest of all pairs; negative: overlapping.",
     ),
     ("Guarantee", distances.guarantee_plot, GUARANTEE_CAPTION),
     (

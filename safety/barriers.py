@@ -66,6 +66,9 @@ class BarrierSet:
             self._starts.append(start)
             start += b.size
         self.size = n
+        for b in barriers:
+            if len(b.labels()) != b.size:
+                raise ConfigError(f"labels of {type(b).__name__}", b.labels(), f"{b.size} names, one for each row")
         self.labels = tuple(label for b in barriers for label in b.labels())
 
     def evaluate(self, kin: Kinematics, second_order: bool = False) -> BarrierRows:

@@ -45,10 +45,11 @@ SET_MARGINS: Mapping[str, float] = {
     "leg_collision": 0.01,
     "obstacle": 0.05,
     "workspace": 0.02,
-    "custom": 0.05,
+    "custom": 0.0,
 }
 """Margins of the filters that act inside them only: obstacles 0.05 m and self-collision 0.01 m as in sec. V-B of the
-p-SSA paper. The others are ours: what a joint at 10 rad/s and a hand at 4 m/s do in 5 ms; custom as obstacles."""
+p-SSA paper. The others are ours: what a joint at 10 rad/s and a hand at 4 m/s do in 5 ms; none for barriers of
+one's own, whose unit and range only their author knows: a margin that h never exceeds would hold for ever."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -108,6 +108,14 @@ class SafetyFilter:
         weights = {"foot_weight": foot_weight, "balance_weight": balance_weight, "hand_weight": hand_weight}
         for key, weight in weights.items():
             require_non_negative(key, weight)
+        if not (isinstance(n_rows, int | np.integer) and n_rows >= 0):
+            raise ConfigError("n_rows", n_rows, "a whole number, 0 or above")
+        if not isinstance(parameters, BarrierParameters):
+            raise ConfigError("parameters", parameters, "a BarrierParameters")
+        v_max = np.asarray(v_max, dtype=float)
+        velocity_max = None if velocity_max is None else np.asarray(velocity_max, dtype=float)
+        if v_max.ndim != 1:
+            raise ConfigError("v_max", v_max, "of shape (nv,), one number per input")
         for key, bound in (("v_max", v_max), ("velocity_max", velocity_max)):
             if bound is not None and not (bound.shape == v_max.shape and all_finite(bound) and (bound > 0).all()):
                 raise ConfigError(key, bound, "finite and above 0 throughout, one number per input")

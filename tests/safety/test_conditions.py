@@ -147,7 +147,7 @@ def test_defaults_are_those_of_the_papers(name: str, value: float, source: str) 
         ("leg_collision", 0.01, "p-SSA paper, sec. V-B: d_min,self"),
         ("joint_limit", 0.05, "ours: 10 rad/s for 5 ms"),
         ("workspace", 0.02, "ours: 4 m/s for 5 ms"),
-        ("custom", 0.05, "ours: as obstacles"),
+        ("custom", 0.0, "ours: unit and range unknown"),
     ],
 )
 def test_default_margins_are_those_of_the_papers(family: str, margin: float, source: str) -> None:

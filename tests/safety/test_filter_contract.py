@@ -1,6 +1,7 @@
 """What every filter promises, whatever its condition and resolution, for velocities and for accelerations."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -21,8 +22,14 @@ from safety.second_order import ecbf_rows, index_rows, without_margin
 
 SAFE = [(name, order) for name in FILTERS for order in KINDS[name].orders if name != "none"]
 LADDER = [(name, order) for name, order in SAFE if KINDS[name].resolution in {"qp", "two_phase"}]
+MARGINS: dict[str, float | None] = dict.fromkeys(FAMILIES) | {"custom": 0.05}
+"""The filters' own, but for the family that has none: every family is to be inside its margin at times."""
+
 PARAMETERS = BarrierParameters(
-    **{f: FamilyParameters(4.0 + i, 3.0 + i, slope=6.0 + i, index_gain=0.3 + 0.1 * i) for i, f in enumerate(FAMILIES)}
+    **{
+        f: FamilyParameters(4.0 + i, 3.0 + i, MARGINS[f], slope=6.0 + i, index_gain=0.3 + 0.1 * i)
+        for i, f in enumerate(FAMILIES)
+    }
 )
 DT = 0.004
 SIZES = ((35, 221), (39, 297))
@@ -530,3 +537,27 @@ def test_on_a_robots_own_rows(name: str, order: int, robot: RobotDescription) ->
         result = apply(safety_filter, case)
         check_honest(name, order, case, result)
         check_bounds(order, case, result)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "name"),
+    [
+        ({"n_rows": -1}, "n_rows"),
+        ({"n_rows": 2.5}, "n_rows"),
+        ({"parameters": None}, "parameters"),
+        ({"v_max": 1.0}, "v_max"),
+        ({"v_max": [1.0, -1.0]}, "v_max"),
+        ({"v_max": [[1.0, 1.0]]}, "v_max"),
+    ],
+)
+def test_what_a_filter_cannot_be_made_of_is_refused_by_name(arguments: dict[str, Any], name: str) -> None:
+    usual: dict[str, Any] = {"n_rows": 3, "parameters": BarrierParameters(), "v_max": np.ones(2)}
+    with pytest.raises(ConfigError) as caught:
+        SafetyFilter("cbf", **(usual | arguments))
+    assert caught.value.name == name
+
+
+def test_bounds_may_be_a_list() -> None:
+    rows = BarrierRows(np.ones(1), np.eye(2)[:1], np.zeros(1), np.zeros(1, dtype=np.intp))
+    filtered = SafetyFilter("cbf", 1, BarrierParameters(), [1.0, 2.0])  # type: ignore[arg-type]
+    np.testing.assert_array_equal(filtered.apply(rows, np.array([3.0, -3.0])).v, [1.0, -2.0])

@@ -1,4 +1,4 @@
-"""The worked example of docs/safety.md, read out of the page, is a barrier that holds."""
+"""The worked examples of docs/safety.md, read out of the page, do what the page says."""
 
 import re
 from collections.abc import Callable
@@ -12,20 +12,35 @@ import pytest
 from controllers.config import controller_config
 from controllers.reference import reference_here
 from controllers.whole_body import WholeBodyController
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.pinocchio_model import standing_configuration
 from safety.barriers import Barrier, standard_barriers
+from safety.filters import KINDS, FilterStatus
 from safety.rows import FAMILIES
 
 PAGE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
 TILT = np.radians(15)
 
 
+def blocks() -> list[str]:
+    return re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
+
+
+def test_the_hand_gives_way_to_the_ball(capsys: pytest.CaptureFixture[str]) -> None:
+    scope: dict[str, Any] = {}
+    exec(compile(next(b for b in blocks() if "explain(" in b), "docs/safety.md", "exec"), scope)
+    result, kin = scope["result"], scope["kin"]
+    assert result.status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
+    assert kin.frame_jacobian(kin.frame_id("left_palm"))[0] @ result.v < -0.2
+    assert "the hand gives way" in capsys.readouterr().out
+
+
 @pytest.fixture(scope="module")
 def upright() -> Callable[..., Barrier]:
-    code = next(b for b in re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL) if "class UprightBarrier" in b)
+    code = next(b for b in blocks() if "class UprightBarrier" in b)
     scope: dict[str, Any] = {}
     exec(compile(code, "docs/safety.md", "exec"), scope)
     return scope["UprightBarrier"]  # type: ignore[no-any-return]
@@ -82,3 +97,28 @@ def test_a_torso_that_is_asked_to_lean_stays_within_the_bound(
         lean[guarded] = max(angles)
     assert lean[False] > np.radians(20)
     assert np.radians(10) < lean[True] < TILT + 1e-4
+
+
+@pytest.mark.parametrize("filter_name", [name for name, kind in KINDS.items() if 1 in kind.orders])
+def test_upright_the_barrier_leaves_every_filter_in_peace(upright: Callable[..., Barrier], filter_name: str) -> None:
+    """Its gradient vanishes there: a margin that h never exceeds would keep filters busy with what nothing can help."""
+    robot = load_robot("g1")
+    results = []
+    for extra in (None, lambda kin: [upright(kin, "torso", TILT)]):
+        config = controller_config(robot, filter=filter_name)
+        controller = WholeBodyController(robot, config, with_hands=False, extra_barriers=extra)
+        kin, q = controller.kin, standing_configuration(robot)
+        kin.update(q, np.zeros(kin.nv))
+        reference = reference_here(kin, with_hands=False)
+        state = RobotState(q, np.zeros(kin.nv), np.zeros(kin.nv - 6), 0.0)
+        results.append(controller.tick(state, reference).safety)
+    assert results[1].status == results[0].status != FilterStatus.RELAXED
+    np.testing.assert_allclose(results[1].v, results[0].v, rtol=0, atol=1e-9)
+
+
+def test_a_barrier_with_too_few_labels_is_refused(upright: Callable[..., Barrier]) -> None:
+    kin = Kinematics(load_robot("g1"))
+    barrier = upright(kin, "torso", TILT)
+    barrier.size = 2
+    with pytest.raises(ConfigError, match="labels of UprightBarrier"):
+        standard_barriers(kin, extra=[barrier])

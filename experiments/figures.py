@@ -53,6 +53,7 @@ FIGURES = (
     Figure("min_h_reference_m", "smallest barrier of the reference motion", "mm", 1e3),
     Figure("disturbance_max", "velocity error |d|, largest", "m/s, rad/s"),
     Figure("bound_m", "bound on h for that |d|, self-collision", "mm", 1e3),
+    Figure("bound_running_min_m", "smallest running bound on h, self-collision", "mm", 1e3),
     Figure("row_bound_min_m", "bound on h of the closest pair, smallest", "mm", 1e3),
     Figure("margin_self_collision_m", "least room of h above its running bound", "mm", 1e3, "negative"),
     Figure("bound_held", "h stayed above its running bounds, obstacles apart", bad="false"),

@@ -36,7 +36,7 @@ def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
     if reference is not None:
         h = 1e3 * reference.series["h_self_reference"]
         axes[-1].plot(reference.series["step_time"], h, ":", color=INK, lw=1.0, label="reference motion")
-        axes[-1].legend(loc="upper right")
+        axes[-1].legend(loc="best")
     axes[-1].set_title("smallest of all pairs")
     for axis in axes:
         shade_unsafe(axis)

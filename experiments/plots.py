@@ -42,7 +42,7 @@ def hand_plot(results: Sequence[RunResult]) -> bytes | None:
         axes[6 + column].set_ylabel("error [mm]")
         axes[6 + column].set_ylim(bottom=0.0)
         axes[column].set_title(hand.replace("_", " "))
-    axes[0].legend(loc="upper right")
+    axes[0].legend(loc="best")
     return finish(figure, axes[-2:], shown)
 
 
@@ -94,7 +94,7 @@ def balance_plot(results: Sequence[RunResult]) -> bytes | None:
         axis.set_title(run_title(result))
     for axis in axes[len(shown) :]:
         axis.set_visible(False)
-    axes[0].legend(loc="upper right")
+    axes[0].legend(loc="best")
     return finish(figure, [], [])
 
 
@@ -134,6 +134,8 @@ def filter_plot(results: Sequence[RunResult]) -> bytes | None:
     lower.set_ylim(len(shown) - 0.5, -0.5)
     for name, colour in zip(FILTER_STATUSES, STATUS_COLOURS, strict=True):
         upper.fill_between([], [], color=colour, label=name)
+    # room for the legend above the curves
+    upper.set_ylim(top=1.25 * upper.get_ylim()[1])
     upper.legend(loc="upper right", ncols=6)
     style_axes([upper, lower])
     lower.grid(False)

@@ -4,6 +4,7 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from rich.box import SIMPLE_HEAD
@@ -100,7 +101,8 @@ def save_corridor(folder: Path, options: CorridorOptions, runs: Sequence[Corrido
             (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
         for run in runs:
             (folder / run.name).mkdir(exist_ok=True)
-            np.savez_compressed(folder / run.name / "series.npz", **run.series)  # type: ignore[arg-type]
+            arrays: dict[str, Any] = dict(run.series)
+            np.savez_compressed(folder / run.name / "series.npz", **arrays)
     except OSError as error:
         raise ConfigError("out", str(folder), f"a folder that can be written ({error.strerror or error})") from error
 

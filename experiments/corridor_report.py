@@ -1,6 +1,5 @@
 """The report of the corridor: what came out, in words, figures, plots and pictures."""
 
-import base64
 import html
 import io
 import json
@@ -28,11 +27,10 @@ from experiments.corridor_scene import (
     corridor_kinematics,
 )
 from experiments.media import distance_colours, obstacle_shapes
-from experiments.plot_style import DPI, FILTERED, GRID, INK, UNFILTERED, UNSAFE, WIDTH
-from experiments.report import STYLE
+from experiments.page import image, plot_section, section, write_page
+from experiments.plot_style import DPI, FILTERED, INK, UNFILTERED, UNSAFE, WIDTH, style_axes
 from experiments.results import plain
 from robots.description import RobotDescription
-from robots.errors import ConfigError
 from robots.messages import Array
 from sims.rendering import Camera, RobotRenderer, rendering_problem
 
@@ -87,28 +85,21 @@ def write_corridor_report(
     parts = [
         f'<h1>Corridor</h1><p class="soft">{html.escape(_scene_in_words(scene))}</p>',
         f'<p class="soft">{html.escape(note)}</p>' if note else "",
-        _section("What came out", "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in findings(runs)) + "</ul>"),
-        _section("Figures", _table(runs) + f'<p class="soft">{html.escape(LEGEND)}</p>'),
+        section("What came out", "<ul>" + "".join(f"<li>{html.escape(s)}</li>" for s in findings(runs)) + "</ul>"),
+        section("Figures", _table(runs) + f'<p class="soft">{html.escape(LEGEND)}</p>'),
         _pictures(runs, frames),
-        _plot("phi of the left hand and its nearest obstacle", hand_plot(runs, hand), "As figure 10 of the paper."),
-        _plot("Left elbow", joint_plot(runs, joints.index(LEFT_ELBOW)), "As figure 11 of the paper."),
-        _plot("Left shoulder roll", joint_plot(runs, joints.index(LEFT_SHOULDER_ROLL)), "As figure 12 of the paper."),
-        _plot("Total violation", violation_plot(runs), "Sum over all conditions of the filter, tick by tick."),
-        _section("Conflicts", _explanations(runs)),
+        plot_section(
+            "phi of the left hand and its nearest obstacle", hand_plot(runs, hand), "As figure 10 of the paper."
+        ),
+        plot_section("Left elbow", joint_plot(runs, joints.index(LEFT_ELBOW)), "As figure 11 of the paper."),
+        plot_section(
+            "Left shoulder roll", joint_plot(runs, joints.index(LEFT_SHOULDER_ROLL)), "As figure 12 of the paper."
+        ),
+        plot_section("Total violation", violation_plot(runs), "Sum over all conditions of the filter, tick by tick."),
+        section("Conflicts", _explanations(runs)),
         _raw(runs),
     ]
-    page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>Corridor</title><style>{STYLE}{WIDE}</style></head>\n<body><main>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</main></body></html>\n"
-    )
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError("report", str(path), f"a file that can be written ({error.strerror or error})") from error
-    return path
+    return write_page(path, "Corridor", parts, WIDE)
 
 
 def _scene_in_words(scene: Corridor) -> str:
@@ -224,12 +215,7 @@ def _overlay(
     axis.set_xlim(0.0, end)
     axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
     axis.yaxis.label.set(fontsize=8.5, color=INK)
-    axis.grid(True, color=GRID, lw=0.8)
-    axis.set_axisbelow(True)
-    axis.tick_params(colors=INK, labelsize=8, length=0)
-    for side, spine in axis.spines.items():
-        spine.set_visible(side in {"left", "bottom"})
-        spine.set_color("#b8c1cb")
+    style_axes([axis])
     handles = [Line2D([], [], lw=2.2, label=run.title, **style) for run, style in zip(runs, styles, strict=True)]
     figure.legend(handles=handles, loc="outside upper center", ncols=6, frameon=False, fontsize=9)
     buffer = io.BytesIO()
@@ -246,18 +232,6 @@ def _styles(runs: Sequence[CorridorRun]) -> list[Style]:
         dashes = {"ssa": (0, (4, 4)), "none": (0, (1, 1))}.get(run.name, "-")
         out.append({"color": colour, "ls": dashes, "zorder": 3 if run.name == "ssa" else 2})
     return out
-
-
-def _section(heading: str, body: str) -> str:
-    return f"<section><h2>{html.escape(heading)}</h2>{body}</section>"
-
-
-def _image(png: bytes, alt: str) -> str:
-    return f'<img alt="{html.escape(alt, quote=True)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-
-
-def _plot(heading: str, png: bytes, caption: str) -> str:
-    return _section(heading, f'<p class="soft">{html.escape(caption)}</p>{_image(png, heading)}')
 
 
 def _table(runs: Sequence[CorridorRun]) -> str:
@@ -279,11 +253,11 @@ def _pictures(runs: Sequence[CorridorRun], frames: Sequence[Frames]) -> str:
     )
     for run, pictures in zip(runs, frames, strict=True):
         figures = "".join(
-            f'<figure class="wide">{_image(png, f"robot at {t:.2f} s")}<figcaption>{t:.2f} s</figcaption></figure>'
+            f'<figure class="wide">{image(png, f"robot at {t:.2f} s")}<figcaption>{t:.2f} s</figcaption></figure>'
             for t, png in pictures
         )
         body += f'<strong>{html.escape(run.title)}</strong><div class="frames">{figures}</div>'
-    return _section("Before, with and after the sphere", body)
+    return section("Before, with and after the sphere", body)
 
 
 def _explanations(runs: Sequence[CorridorRun]) -> str:

@@ -13,6 +13,7 @@ import numpy as np
 from experiments import distance_plots as distances
 from experiments import plots
 from experiments.figures import known_figures
+from experiments.page import image, plot_section, section, write_page
 from experiments.results import FILTER_STATUSES, GUARANTEED, RunResult, plain, run_title, smallest_self_collision
 from robots.errors import ConfigError
 
@@ -52,34 +53,6 @@ CAPTIONS = (
     ("Computing time", plots.tick_plot, "Time of one control tick; the line is the median."),
 )
 
-STYLE = """
-:root { --ink: #26303a; --soft: #66727f; --line: #e1e6eb; --good: #1d7f4e; --bad: #c0262d; --back: #f5f7f9; }
-* { box-sizing: border-box; }
-body { margin: 0; background: var(--back); color: var(--ink); font: 15px/1.5 system-ui, "Segoe UI", sans-serif; }
-main { max-width: 1080px; margin: 0 auto; padding: 32px 20px 64px; }
-h1 { font-size: 27px; margin: 0 0 4px; }
-h2 { font-size: 18px; margin: 0 0 6px; }
-section { background: #fff; border: 1px solid var(--line); border-radius: 10px; padding: 18px 22px; margin-top: 18px; }
-p.soft, figcaption, td.unit { color: var(--soft); }
-p { margin: 4px 0 10px; }
-.scroll { overflow-x: auto; }
-table { border-collapse: collapse; width: 100%; }
-th, td { text-align: right; padding: 5px 12px; border-bottom: 1px solid var(--line); }
-td { font-variant-numeric: tabular-nums; }
-th:first-child, td:first-child { text-align: left; padding-left: 0; }
-td.unit { text-align: left; padding-left: 0; width: 1%; white-space: nowrap; }
-tr:last-child td { border-bottom: 0; }
-.good { color: var(--good); } .bad { color: var(--bad); font-weight: 600; }
-ul.verdict { list-style: none; padding: 0; margin: 2px 0 12px; } ul.verdict:last-child { margin-bottom: 0; }
-.frames { display: flex; gap: 10px; flex-wrap: wrap; margin-bottom: 12px; }
-figure { margin: 0; } .frames figure { flex: 1 1 200px; max-width: 250px; }
-img, video { max-width: 100%; height: auto; display: block; border-radius: 6px; }
-figcaption { font-size: 13px; margin-top: 3px; }
-pre { background: var(--back); padding: 12px; border-radius: 6px; overflow-x: auto; font-size: 12.5px; }
-summary { cursor: pointer; }
-@media print { body { background: #fff; } section { break-inside: avoid; } }
-"""
-
 
 def write_report(
     path: Path,
@@ -111,25 +84,14 @@ def write_report(
         raise ConfigError("frames", len(frames), f"one list of pictures per run, {len(results)} in all")
     parts = [
         _head(results, title, note),
-        _section("Outcome", _verdicts(results)),
-        _section("Figures", _table(results)),
+        section("Outcome", _verdicts(results)),
+        section("Figures", _table(results)),
         _video(video, path),
         _frame_section(results, frames),
-        *(_plot(heading, plot(results), caption) for heading, plot, caption in CAPTIONS),
+        *(plot_section(heading, plot(results), caption) for heading, plot, caption in CAPTIONS),
         _configuration(results),
     ]
-    page = (
-        '<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{html.escape(title)}</title><style>{STYLE}</style></head>\n<body><main>\n"
-        + "\n".join(part for part in parts if part)
-        + "\n</main></body></html>\n"
-    )
-    try:
-        path.write_text(page, encoding="utf-8")
-    except OSError as error:
-        raise ConfigError("report", str(path), f"a file that can be written ({error.strerror or error})") from error
-    return path
+    return write_page(path, title, parts)
 
 
 def verdict(result: RunResult) -> list[tuple[bool, str]]:
@@ -219,10 +181,6 @@ def _ticks(count: int) -> str:
     return f"{count} tick" + ("s" if count != 1 else "")
 
 
-def _section(heading: str, body: str) -> str:
-    return f"<section><h2>{html.escape(heading)}</h2>{body}</section>"
-
-
 def _head(results: Sequence[RunResult], title: str, note: str) -> str:
     robots = ", ".join(dict.fromkeys(r.robot.title for r in results))
     extra = f'<p class="soft">{html.escape(note)}</p>' if note else ""
@@ -253,10 +211,6 @@ def _table(results: Sequence[RunResult]) -> str:
     return f'<div class="scroll"><table><tr><th></th>{head}<th></th></tr>{"".join(rows)}</table></div>'
 
 
-def _image(png: bytes, alt: str) -> str:
-    return f'<img alt="{html.escape(alt, quote=True)}" src="data:image/png;base64,{base64.b64encode(png).decode()}">'
-
-
 def _video(video: Path | None, report: Path) -> str:
     if video is None or not video.is_file():
         return ""
@@ -264,7 +218,7 @@ def _video(video: Path | None, report: Path) -> str:
         source = "data:video/mp4;base64," + base64.b64encode(video.read_bytes()).decode()
     else:
         source = quote(Path(os.path.relpath(video, report.parent)).as_posix())
-    return _section("Film", f'<video controls muted loop playsinline src="{source}"></video>')
+    return section("Film", f'<video controls muted loop playsinline src="{source}"></video>')
 
 
 def _frame_section(results: Sequence[RunResult], frames: Sequence[Frames]) -> str:
@@ -276,17 +230,11 @@ def _frame_section(results: Sequence[RunResult], frames: Sequence[Frames]) -> st
     )
     for result, pictures in zip(results, frames, strict=True):
         figures = "".join(
-            f"<figure>{_image(png, f'robot at {t:.2f} s')}<figcaption>{t:.2f} s</figcaption></figure>"
+            f"<figure>{image(png, f'robot at {t:.2f} s')}<figcaption>{t:.2f} s</figcaption></figure>"
             for t, png in pictures
         )
         body += f'<strong>{html.escape(run_title(result))}</strong><div class="frames">{figures}</div>'
-    return _section("Pictures", body)
-
-
-def _plot(heading: str, png: bytes | None, caption: str) -> str:
-    if png is None:
-        return ""
-    return _section(heading, f'<p class="soft">{html.escape(caption)}</p>{_image(png, heading)}')
+    return section("Pictures", body)
 
 
 def _configuration(results: Sequence[RunResult]) -> str:

@@ -132,5 +132,6 @@ def explain(result: FilterResult, labels: Sequence[str]) -> str:
     order = np.argsort(-result.shortfall, kind="stable")
     lines += [f"  short by {result.shortfall[k]:.3g}: {labels[result.relaxed[k]]}" for k in order]
     if conflict := result.conflict():
-        lines.append("  cannot hold together within the bounds: " + "; ".join(labels[i] for i in conflict))
+        words = "cannot hold together" if len(conflict) > 1 else "cannot hold"
+        lines.append(f"  {words} within the bounds: " + "; ".join(labels[i] for i in conflict))
     return "\n".join(lines)

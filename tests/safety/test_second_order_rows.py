@@ -72,9 +72,10 @@ def derivative(values: Callable[[float], Array]) -> Array:
     return (8 * near - far) / (12 * STEP)
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_curvature_and_rate_are_central_differences(kin: Kinematics, barriers: BarrierSet, seed: int) -> None:
-    q, v, obstacles = random_state(kin, seed)
+def assert_rate_and_curvature(
+    barriers: BarrierSet, kin: Kinematics, q: Array, v: Array, obstacles: list[Obstacle]
+) -> BarrierRows:
+    """The rows at a state, whose rate and curvature are those of central differences along the motion."""
     rows = evaluate(barriers, kin, q, v, obstacles)
 
     def h_and_rate(dt: float) -> Array:
@@ -85,6 +86,13 @@ def test_curvature_and_rate_are_central_differences(kin: Kinematics, barriers: B
     size = 1 + np.abs(rows.curvature)
     np.testing.assert_allclose(rows.jac @ v + rows.drift, rate, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows.curvature / size, numeric / size, rtol=0, atol=ROUNDING)
+    return rows
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_curvature_and_rate_are_central_differences(kin: Kinematics, barriers: BarrierSet, seed: int) -> None:
+    q, v, obstacles = random_state(kin, seed)
+    rows = assert_rate_and_curvature(barriers, kin, q, v, obstacles)
     assert not rows.curvature[barriers.slices["joint_limit"]].any()
     # standing still and among obstacles that do, nothing accelerates
     still = evaluate(barriers, kin, q, 0 * v, [o.at_rest() for o in obstacles])
@@ -103,16 +111,7 @@ def test_curvature_and_rate_in_a_box_are_central_differences(robot: RobotDescrip
         Obstacle.box(p, rotation_from_rpy(rng.normal(size=3)), rng.uniform(0.05, 0.15, 3), *rng.normal(size=(2, 3)))
         for p in rng.permutation(middles)[:count]
     ]
-    rows = evaluate(barriers, kin, q, v, boxes)
-
-    def h_and_rate(dt: float) -> Array:
-        after = evaluate(barriers, kin, kin.integrate(q, v, dt), v, [o.after(dt) for o in boxes])
-        return np.array([after.h, after.jac @ v + after.drift])
-
-    rate, numeric = derivative(h_and_rate)
-    size = 1 + np.abs(rows.curvature)
-    np.testing.assert_allclose(rows.jac @ v + rows.drift, rate, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(rows.curvature / size, numeric / size, rtol=0, atol=ROUNDING)
+    assert_rate_and_curvature(barriers, kin, q, v, boxes)
     contacts = next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).contacts
     first = barriers.labels[barriers.slices["obstacle"].start :].index
     inside = [label for label in barriers.labels if ", edge" in label and contacts[first(label.split(",")[0]), 6] < 0]

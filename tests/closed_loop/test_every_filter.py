@@ -42,6 +42,8 @@ def test_the_robot_stands_and_every_tick_has_an_answer(name: str) -> None:
     result = into_the_torso(name)
     summary, series = result.summary, result.series
     assert summary["filter"] == name
+    assert (summary["alpha"] is not None) == (name in {"cbf", "issf", "ecbf"})
+    assert (summary["epsilon"] is not None) == (name == "issf")
     assert summary["duration_s"] == pytest.approx(CONFLICT)
     assert summary["stop_cause"] is None
     assert not summary["fell"]

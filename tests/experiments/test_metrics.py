@@ -175,6 +175,15 @@ def test_a_tick_that_failed_twice_counts_once() -> None:
     assert out["relaxed_fraction"] == 0.1
 
 
+def test_the_step_of_the_command_is_over_all_changes_from_tick_to_tick() -> None:
+    v = np.zeros((10, 2))
+    v[3:, 0], v[7:, 1] = 0.3, -0.4
+    figures = summed(v_safe=v)
+    assert figures["command_step_max"] == pytest.approx(0.4)
+    assert figures["command_step_rms"] == pytest.approx(np.sqrt((0.09 + 0.16) / 18))
+    assert summed(v_safe=np.full((10, 2), np.nan))["command_step_rms"] is None
+
+
 def test_ticks_after_a_stop_are_no_failures() -> None:
     v_safe = np.zeros((10, 7))
     v_safe[5:] = np.nan

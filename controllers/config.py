@@ -16,7 +16,7 @@ from wbc.dynwbc import DynWbcWeights
 
 T = TypeVar("T")
 
-TABLES = ("tasks", "safety", "contact", "dynwbc", "controller", "hand_tracking")
+TABLES = ("tasks", "safety", "contact", "balance", "dynwbc", "controller", "hand_tracking", "walking", "taichi")
 """Tables below ``[tuning]`` that some part of the project reads."""
 
 DRIVES = ("simulation", "hardware")
@@ -133,6 +133,24 @@ class ContactTuning:
 
 
 @dataclass(frozen=True, slots=True)
+class BalanceTuning:
+    """Feedback of the divergent component of motion, where the reference gives one, and the robot's load.
+
+    Attributes:
+        dcm_gain: rate at which its error decays, above 0 [1/s].
+        load_time: time constant with which the robot's mass is estimated from measured foot forces; 0 keeps the
+            model's [s].
+    """
+
+    dcm_gain: float = 4.0
+    load_time: float = 0.0
+
+    def __post_init__(self) -> None:
+        require_positive("balance dcm_gain", self.dcm_gain)
+        require_non_negative("balance load_time", self.load_time)
+
+
+@dataclass(frozen=True, slots=True)
 class ControllerConfig:
     """The whole-body controller.
 
@@ -146,6 +164,7 @@ class ControllerConfig:
         tasks: KinWBC.
         safety: safety filter.
         contact: soles.
+        balance: feedback of the DCM.
         dynwbc: DynWBC.
         dynwbc_solver: QP solver of DynWBC.
     """
@@ -158,6 +177,7 @@ class ControllerConfig:
     tasks: TaskTuning = field(default_factory=TaskTuning)
     safety: FilterTuning = field(default_factory=FilterTuning)
     contact: ContactTuning = field(default_factory=ContactTuning)
+    balance: BalanceTuning = field(default_factory=BalanceTuning)
     dynwbc: DynWbcWeights = field(default_factory=DynWbcWeights)
     dynwbc_solver: str = "daqp"
 
@@ -192,6 +212,7 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
         "tasks": _from_table(TaskTuning, robot, "tasks"),
         "safety": _from_table(FilterTuning, robot, "safety"),
         "contact": _from_table(ContactTuning, robot, "contact"),
+        "balance": _from_table(BalanceTuning, robot, "balance"),
         "dynwbc": _from_table(DynWbcWeights, robot, "dynwbc"),
     }
     base = _from_table(ControllerConfig, robot, "controller", tuple(parts))

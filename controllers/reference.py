@@ -4,6 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from controllers.lipm import DcmReference
 from robots.kinematics import Kinematics
 from robots.messages import Array, Mask
 
@@ -30,6 +31,9 @@ class WholeBodyReference:
         hands: left and right hand, or ``None``: the posture then decides where the arms are.
         joints: shape (nj,) posture [rad].
         in_contact: shape (2,) whether each foot is meant to be on the ground.
+        turn_rate: rate at which base and torso turn about the vertical [rad/s].
+        dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
+            feedback of :mod:`controllers.balance`, and ``com`` only gives the height.
     """
 
     com: PointReference
@@ -40,6 +44,8 @@ class WholeBodyReference:
     hands: tuple[PointReference, PointReference] | None
     joints: Array
     in_contact: Mask
+    turn_rate: float = 0.0
+    dcm: DcmReference | None = None
 
 
 def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:

@@ -42,6 +42,8 @@ class Supervisor:
       it.
     - *Holding* (:meth:`hold`): where the state is sound but the task cannot go on, a lost obstacle for example. The
       references freeze where they are and the controller goes on keeping balance, with the obstacles last known.
+      References that a gait moves (they give a DCM) do not freeze, perhaps on one leg: the gait is to be stopped, and
+      brings them to rest.
 
     How old a state is, nothing here can tell: its stamp is the only clock of a tick. Noticed is a stamp that stands
     still or goes back; a state that arrives late, but in order, is for whoever reads the sensors to refuse. For the
@@ -74,9 +76,9 @@ class Supervisor:
     ) -> tuple[MotorCommand, TickResult | None]:
         """Command for a measured state, and the controller's result; ``None`` once blindly stopped.
 
-        While holding, ``reference`` and ``obstacles`` are not read. What the controller refuses with a ``ValueError``
-        (obstacles of another kind than announced, missing hands) or cannot decompose stops the robot, with the words
-        of the error as the cause: the motors get a command in every tick.
+        While holding, ``obstacles`` are not read, and ``reference`` only where a gait moves it. What the controller
+        refuses with a ``ValueError`` (obstacles of another kind than announced, missing hands) or cannot decompose
+        stops the robot, with the words of the error as the cause: the motors get a command in every tick.
         """
         fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
         if fault is not None:
@@ -84,7 +86,7 @@ class Supervisor:
         if self._blind_ticks >= 0:
             return self._fading_command(state.stamp), None
         if self.cause is not None:
-            reference, obstacles = self._frozen_reference(reference), self._obstacles
+            reference, obstacles = self._held_reference(reference), self._obstacles
         if len(obstacles) != self.controller.obstacle_count:
             expected = self.controller.obstacle_count
             self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
@@ -116,8 +118,10 @@ class Supervisor:
         self.hold(cause, stamp)
         self._blind_ticks = max(0, self._blind_ticks)
 
-    def _frozen_reference(self, reference: WholeBodyReference) -> WholeBodyReference:
-        """The reference of the moment of the stop, at rest."""
+    def _held_reference(self, reference: WholeBodyReference) -> WholeBodyReference:
+        """The reference of the moment of the stop, at rest; that of a gait goes on, for the gait to end."""
+        if reference.dcm is not None:
+            return reference
         if self._frozen is None:
             self._frozen = copy.deepcopy(reference)
             for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):

@@ -1,5 +1,6 @@
 """One tick of the stack: state in, motor command out."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.acceleration_filter import AccelerationFilter
+from controllers.balance import clip_to_support, zmp_command
 from controllers.config import ControllerConfig
+from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
 from robots.checks import all_finite
 from robots.description import RobotDescription
@@ -83,6 +86,8 @@ class WholeBodyController:
         self.kin = Kinematics(robot)
         self._clock = clock
         self._mass = robot.total_mass
+        load_time = config.balance.load_time
+        self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
         self._with_hands = with_hands
         self._make_tasks(with_hands)
         extra = () if extra_barriers is None else extra_barriers(self.kin)
@@ -179,7 +184,8 @@ class WholeBodyController:
         safety = self._filter_velocity(rows, v_des, levels, reference.in_contact)
         marks.append(self._clock())
         acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
-        wrench = self._wrench_reference(reference, acceleration)
+        load_scale = self._estimate_load(state)
+        wrench = self._wrench_reference(reference, acceleration, load_scale)
         contact_bias = None
         if self.config.dynwbc.contact > 0:
             contact_bias = contact_bias_acceleration(kin, self.dynwbc.frame_ids)
@@ -189,7 +195,7 @@ class WholeBodyController:
             conditions = (spaces.A, spaces.b)
             bounds = self.acceleration_filter.joint_bounds(self.dynwbc, state.v, dt)
         in_contact = reference.in_contact
-        problem = self.dynwbc.build(kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds)
+        problem = self.dynwbc.build(kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds, load_scale)
         marks.append(self._clock())
         dynamic = self.dynwbc.solve(problem)
         if self.acceleration_filter is not None and spaces is not None:
@@ -199,6 +205,11 @@ class WholeBodyController:
             state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp
         )
         return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+
+    def _estimate_load(self, state: RobotState) -> float:
+        if self.load is None or state.foot_forces is None:
+            return 1.0
+        return self.load.update(state.foot_forces, self.config.dt)
 
     def _barrier_rows(self, obstacles: Sequence[Obstacle]) -> BarrierRows:
         """Rows at the kinematics' state, of second order where accelerations are filtered."""
@@ -223,10 +234,10 @@ class WholeBodyController:
         for task, point, rotation in zip(self._feet, reference.soles, reference.sole_rotations, strict=True):
             task.position, task.rotation = point.position, rotation
             task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
-        self._com.position, self._com.velocity = reference.com.position, reference.com.velocity
-        self._com.acceleration = reference.com.acceleration
+        self._set_com(reference)
         self._base.rotation = reference.base_rotation
         self._torso.rotation = reference.torso_rotation
+        self._base.angular_velocity[2] = self._torso.angular_velocity[2] = reference.turn_rate
         self._posture.joints = reference.joints
         if reference.hands is None and self._with_hands:
             raise ValueError("the hands are tasks of this controller, but the reference gives none")
@@ -234,11 +245,30 @@ class WholeBodyController:
             for hand, point in zip(self._hands, reference.hands, strict=True):
                 hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration
 
+    def _set_com(self, reference: WholeBodyReference) -> None:
+        """The CoM's task: its own reference, or horizontally what the feedback of the DCM asks for."""
+        point, dcm, task = reference.com, reference.dcm, self._com
+        task.position, task.velocity, task.acceleration = point.position, point.velocity, point.acceleration
+        if dcm is None:
+            return
+        kin, gains = self.kin, self.config.dynwbc
+        measured = kin.com[:2] + kin.com_velocity[:2] / dcm.omega
+        zmp = zmp_command(measured, dcm, self.config.balance.dcm_gain)
+        centres = np.array([p.position[:2] for p in reference.soles])
+        yaws = np.array([math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations])
+        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact)
+        task.position, task.velocity = point.position.copy(), point.velocity.copy()
+        task.acceleration = point.acceleration.copy()
+        # eq. (15) turns this velocity into exactly the acceleration of the pendulum
+        task.position[:2] = kin.com[:2]
+        task.velocity[:2] = (gains.kd / (gains.kd + gains.kp * self.config.dt)) * kin.com_velocity[:2]
+        task.acceleration[:2] = dcm.omega**2 * (kin.com[:2] - zmp)
+
     def _stance_jacobian(self, feet: Array, in_contact: Mask) -> Array:
         """Rows of the feet's Jacobians (12, nv) that belong to feet on the ground."""
         return feet if in_contact.all() else feet[np.repeat(in_contact, 6)]
 
-    def _wrench_reference(self, reference: WholeBodyReference, command: Array) -> Array:
+    def _wrench_reference(self, reference: WholeBodyReference, command: Array, load_scale: float) -> Array:
         """Wrenches (12,) that give the CoM the acceleration that an acceleration command (nv,) asks of it.
 
         The command holds the feedback of the CoM task. Taken after the filter, so that the forces do not push the
@@ -251,4 +281,4 @@ class WholeBodyController:
         height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
         zmp = kin.com[:2] - acceleration[:2] * (height / (GRAVITY + acceleration[2]))
         load = load_from_zmp(zmp, centres, reference.in_contact)
-        return distribute_wrench(self._mass, kin.com, acceleration, soles, load, self._half_sizes)
+        return distribute_wrench(load_scale * self._mass, kin.com, acceleration, soles, load, self._half_sizes)

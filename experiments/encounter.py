@@ -7,6 +7,7 @@ import numpy as np
 from controllers.perception import SphereTracker
 from controllers.reference import WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_one_of
+from robots.description import RobotDescription
 from robots.messages import Array
 from safety.obstacles import Obstacle
 from safety.tracking import TrackerSettings
@@ -88,7 +89,9 @@ class Encounter:
         return [Obstacle.sphere(self.sphere.position(t), self.sphere.radius, self.sphere.velocity(t))]
 
 
-def passing_sphere(reference: WholeBodyReference, settings: SensorSettings, rng: np.random.Generator) -> Encounter:
+def passing_sphere(
+    settings: SensorSettings, robot: RobotDescription, reference: WholeBodyReference, rng: np.random.Generator
+) -> Encounter:
     """A sphere that crosses in front of the robot at the height of its hands, through where they are."""
     assert reference.hands is not None
     hand: Array = reference.hands[0].position

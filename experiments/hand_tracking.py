@@ -2,15 +2,17 @@
 
 import math
 from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 
 from controllers.motions import HandCircles, HandsToTargets, Motion, circle_settings
 from controllers.reference import WholeBodyReference
 from controllers.whole_body import WholeBodyController
-from experiments.encounter import SensorSettings
+from experiments.encounter import SensorSettings, passing_sphere
 from experiments.options import HandTrackingOptions
 from experiments.results import RunResult
+from experiments.scenario import Scenario
 from experiments.session import check_options, run
 from robots.checks import require_one_of
 from robots.description import RobotDescription
@@ -36,7 +38,9 @@ def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], 
     robot = check_hand_tracking(options)
     make = {"circles": _circles, "beyond-reach": _beyond_reach, "hold": _hold}[options.motion]
     obstacle = obstacle_settings(options)
-    return run("hand-tracking", options, start_posture(robot), make, reference_motion, progress, obstacle)
+    encounter = None if obstacle is None else partial(passing_sphere, obstacle)
+    scenario = Scenario("hand-tracking", start_posture(robot), make, encounter=encounter, extra=reference_motion)
+    return run(scenario, options, progress)
 
 
 def check_hand_tracking(options: HandTrackingOptions) -> RobotDescription:

@@ -6,12 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.gait import Gait
 from controllers.motions import Motion
 from controllers.reference import WholeBodyReference
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
 from experiments.results import GUARANTEED, STOPPED, family_minima
+from experiments.scenario import Push
+from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
@@ -81,6 +84,8 @@ class ClosedLoop:
         encounter: an obstacle; the controller must have been made for one.
         nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
         progress: called with the simulated time [s] now and then.
+        gait: moves feet and balance, before the motions; ``None``: the robot stands on both feet.
+        pushes: on the torso.
     """
 
     def __init__(
@@ -92,6 +97,8 @@ class ClosedLoop:
         encounter: Encounter | None = None,
         nan_at: float | None = None,
         progress: Callable[[float], None] | None = None,
+        gait: Gait | None = None,
+        pushes: Sequence[Push] = (),
     ) -> None:
         self.plant = plant
         self.supervisor = supervisor
@@ -100,6 +107,8 @@ class ClosedLoop:
         self.encounter = encounter
         self.nan_at = nan_at
         self.progress = progress
+        self.gait = gait
+        self.pushes = pushes
         self.truth = TrueBarriers(plant.robot, () if encounter is None else ("sphere",))
         self.ticks: list[dict[str, Array | float | int]] = []
         self.steps: list[dict[str, Array | float]] = []
@@ -122,6 +131,8 @@ class ClosedLoop:
                 break
             self._tick(t)
             for _ in range(substeps):
+                if self.pushes:
+                    self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
                 self.plant.step()
                 self._record_step()
             if self.plant.unstable:
@@ -139,9 +150,8 @@ class ClosedLoop:
         return LoopOutcome(fell_at, self.plant.time)
 
     def _tick(self, t: float) -> None:
-        for motion in self.motions:
-            motion.apply(self.reference, t)
         state = self._measure(t)
+        self._move_references(t, state)
         start = time.perf_counter()
         command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
         elapsed = time.perf_counter() - start
@@ -149,6 +159,17 @@ class ClosedLoop:
             self.first_relaxed = f"at {t:.3f} s: " + explain(result.safety, self.supervisor.controller.barriers.labels)
         self.plant.send(command)
         self._record_tick(t, result, elapsed)
+
+    def _move_references(self, t: float, state: RobotState) -> None:
+        """References of this tick. After a stop a gait comes to rest, and hands stay where they are beside it."""
+        stopped = self.supervisor.cause is not None
+        if self.gait is not None:
+            if stopped:
+                self.gait.stop()
+            if all_finite(state.q, state.v):
+                self.gait.apply(self.reference, t, state)
+        for motion in self.motions:
+            motion.apply(self.reference, min(t, self.supervisor.stopped_at) if stopped else t)
 
     def _believed_obstacles(self, t: float) -> list[Obstacle]:
         """What the controller is told of obstacles; a track that is too old stops the robot."""
@@ -168,6 +189,7 @@ class ClosedLoop:
     def _record_tick(self, t: float, result: TickResult | None, elapsed: float) -> None:
         state = self.plant.true_state()
         nan = np.full(state.v.size, np.nan)
+        controller, corners = self.supervisor.controller, self.plant.sole_corners()
         row: dict[str, Array | float | int] = {
             "time": t,
             "q": state.q,
@@ -175,6 +197,9 @@ class ClosedLoop:
             "torque": state.tau,
             "com": self.plant.center_of_mass(),
             "com_ref": self.reference.com.position.copy(),
+            "in_contact": self.reference.in_contact.astype(float),
+            "soles_ref": np.array([point.position for point in self.reference.soles]),
+            "load_scale": 1.0 if controller.load is None else controller.load.scale,
             "zmp": self.plant.zero_moment_point(),
             "foot_wrench": self.plant.contact_wrenches(),
             "v_des": nan if result is None else result.v_des,
@@ -184,8 +209,11 @@ class ClosedLoop:
             "qp_failed": 0 if result is None else int(result.dynwbc.status != "optimal"),
             "stages": np.full(len(STAGES), np.nan) if result is None else result.stage_seconds,
             "tick_ms": 1e3 * elapsed,
-            "soles": self.plant.sole_corners().mean(axis=1),
+            "soles": corners.mean(axis=1),
+            "sole_corners": corners[:, :, :2],
         }
+        if self.reference.dcm is not None:
+            row["dcm_ref"], row["zmp_ref"] = self.reference.dcm.position, self.reference.dcm.zmp
         if self.reference.hands is not None:
             for name, point in zip(("left_hand", "right_hand"), self.reference.hands, strict=True):
                 row[name] = self.plant.frame_position(self.plant.robot.roles[name])

@@ -27,13 +27,48 @@ def convex_polygon(points: Array) -> Array:
     return points[ConvexHull(points).vertices]
 
 
-def inside_polygon(points: Array, polygon: Array) -> Array:
-    """Whether each point (n, 2) lies in a convex anticlockwise polygon (k, 2); NaN lies outside."""
-    edge = np.roll(polygon, -1, axis=0) - polygon
-    relative = points[:, None, :] - polygon[None, :, :]
-    side = edge[:, 0] * relative[..., 1] - edge[:, 1] * relative[..., 0]
-    # a tenth of a millimetre: contact points lie on the sole's own edge when a foot tilts
-    return (side >= -1e-4 * np.linalg.norm(edge, axis=1)).all(axis=1)
+def depth_in_hull(points: Array, corners: Array) -> Array:
+    """How deep points lie in the convex hull of corners of their own.
+
+    Args:
+        points: shape (n, 2) [m].
+        corners: shape (n, k, 2); at least three of each k are no line [m].
+
+    Returns:
+        Shape (n,): distance to the nearest edge's line, negative outside [m]; NaN for a point that is NaN.
+    """
+    depth = np.full(len(points), np.inf)
+    for i in range(corners.shape[1]):
+        for j in range(corners.shape[1]):
+            edge = corners[:, j] - corners[:, i]
+            length = np.linalg.norm(edge, axis=1)
+            relative = corners - corners[:, i, None]
+            side = edge[:, None, 0] * relative[..., 1] - edge[:, None, 1] * relative[..., 0]
+            # an edge of the hull has every corner on its left
+            border = (length > 1e-9) & (side >= -1e-9).all(axis=1)
+            own = points - corners[:, i]
+            distance = (edge[:, 0] * own[:, 1] - edge[:, 1] * own[:, 0]) / np.maximum(length, 1e-9)
+            depth = np.where(border, np.minimum(depth, distance), depth)
+    return np.where(np.isfinite(points).all(axis=1), depth, np.nan)
+
+
+EDGE = 1e-4
+"""The ZMP counts as inside up to this beyond the edge [m]: contact points lie on it when a foot tilts."""
+
+
+def zmp_inside(series: dict[str, Array]) -> Mask:
+    """At which plant steps the measured ZMP lies in the support polygon of the feet that the plan has on the ground.
+
+    Shape (P,). Without a vertical force it lies nowhere.
+    """
+    corners, contact, zmp = series["sole_corners"], np.asarray(series["in_contact"], dtype=bool), series["step_zmp"]
+    tick = np.arange(len(zmp)) // -(-len(zmp) // len(corners))
+    depth = np.full(len(zmp), np.nan)
+    for feet in ([True, True], [True, False], [False, True]):
+        chosen = (contact == feet).all(axis=1)[tick]
+        here = corners[tick[chosen]][:, feet].reshape(int(chosen.sum()), 4 * sum(feet), 2)
+        depth[chosen] = depth_in_hull(zmp[chosen], here)
+    return np.asarray(depth >= -EDGE)
 
 
 def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
@@ -57,7 +92,7 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
         "com_rmse_m": float(np.sqrt(np.mean(com_error**2))),
         "com_error_settled_max_m": float(settled.max()),
         "foot_slide_max_m": float(slide.max()),
-        "zmp_inside_fraction": float(inside_polygon(series["step_zmp"], series["support_polygon"]).mean()),
+        "zmp_inside_fraction": float(zmp_inside(series).mean()),
         "max_torque_fraction": float(series["torque_fraction"].max()),
         "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
         "filtered_fraction": _share(status > 0, running),

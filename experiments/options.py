@@ -108,6 +108,59 @@ class HandTrackingOptions(RunOptions):
 
 
 @dataclass(frozen=True)
+class TaichiOptions(RunOptions):
+    """Stand on the left leg while both hands go to far targets: the CoM over the left foot in 10 s, the right foot up
+    for 10 s, and down again."""
+
+    duration: float = 30.0
+    """Simulated time [s]."""
+    torque: str = "full"
+    """What the motors are told: full; pd-only (no torque of DynWBC, only joint PD); gravity (gravity compensation and
+    joint PD: no wrench tracking, no contact wrench cone)."""
+    load_estimate: bool = False
+    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
+    push: tuple[str, ...] = ()
+    """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
+    x axis; for example 60,left,17.5."""
+
+
+@dataclass(frozen=True)
+class LateralStepsOptions(RunOptions):
+    """Side steps whose nominal footholds lie so close that the feet would collide."""
+
+    duration: float = 16.0
+    """Simulated time [s]."""
+    load_estimate: bool = True
+    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
+
+
+@dataclass(frozen=True)
+class WalkOptions(RunOptions):
+    """Walk at a commanded velocity of the body, or by a script of commands."""
+
+    duration: float = 20.0
+    """Simulated time [s]."""
+    vx: float = 0.2
+    """Velocity forward [m/s]."""
+    vy: float = 0.0
+    """Velocity to the left [m/s]."""
+    wz: float = 0.0
+    """Turning to the left [rad/s]."""
+    script: Path | None = None
+    """File of commands, one a line: time [s], vx [m/s], vy [m/s], wz [rad/s]; or time and the word stop, or step (on
+    the spot). Takes the place of --vx --vy --wz."""
+    hands: bool = False
+    """Hold the hands in front of the body, as tasks; otherwise the arms keep their posture."""
+    load_estimate: bool = True
+    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
+    push: tuple[str, ...] = ()
+    """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
+    x axis; for example 80,left,5."""
+    obstacle: str = "none"
+    """A sphere at arm's height beside the way: none, static or moving."""
+
+
+@dataclass(frozen=True)
 class CorridorOptions:
     """Filters side by side where conditions conflict: boards close about a hand, a sphere comes to the elbow.
 

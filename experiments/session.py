@@ -1,7 +1,7 @@
 """From options to a finished run: builds robot, plant and controller, runs, sums up."""
 
 import dataclasses
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -9,19 +9,18 @@ import numpy as np
 
 from controllers.config import ControllerConfig, controller_config
 from controllers.motions import CenterOfMassShift, Motion
-from controllers.reference import WholeBodyReference, reference_here
+from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
-from experiments.encounter import SensorSettings, passing_sphere
 from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, guarantee_figures, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
 from experiments.results import RunResult
+from experiments.scenario import Scenario
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.messages import Array
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
@@ -42,8 +41,8 @@ MAX_STEPS = 600_000
 SETTLE = 1.5
 """Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
 
-MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
-Extra = Callable[[WholeBodyController, WholeBodyReference, Sequence[Motion], float], dict[str, Array]]
+SETTLE = 1.5
+"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
 
 
 def plant_config(options: PlantOptions) -> PlantConfig:
@@ -78,8 +77,8 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
 
 
-def control_config(robot: RobotDescription, options: RunOptions) -> ControllerConfig:
-    """The controller's configuration of a run.
+def control_config(robot: RobotDescription, options: RunOptions, scenario: Scenario | None = None) -> ControllerConfig:
+    """The controller's configuration of a run, with what its scenario sets.
 
     Raises:
         ConfigError: a value is not allowed, or the control period is no whole number of physics steps.
@@ -90,7 +89,8 @@ def control_config(robot: RobotDescription, options: RunOptions) -> ControllerCo
     if steps < 0.999 or abs(steps - round(steps)) > 1e-6:
         allowed = f"such that its period is a whole number of physics steps of {options.plant.physics_dt:g} s"
         raise ConfigError("control_rate", options.control_rate, allowed)
-    return controller_config(robot, dt=dt, **filter_changes(robot, options.safety))
+    own = {} if scenario is None else dict(scenario.changes)
+    return controller_config(robot, dt=dt, **(filter_changes(robot, options.safety) | own))
 
 
 def check_options(options: RunOptions) -> RobotDescription:
@@ -114,25 +114,13 @@ def check_options(options: RunOptions) -> RobotDescription:
     return robot
 
 
-def run(
-    experiment: str,
-    options: RunOptions,
-    posture: str,
-    hands: MakeMotion | None = None,
-    extra: Extra | None = None,
-    progress: Callable[[float], None] | None = None,
-    obstacle: SensorSettings | None = None,
-) -> RunResult:
+def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], None] | None = None) -> RunResult:
     """Run one experiment from its options.
 
     Args:
-        experiment: its name, for the summary.
+        scenario: what happens.
         options: of the run.
-        posture: name of the posture it starts from.
-        hands: makes the motion of the hands; ``None``: the hands are no task.
-        extra: further series, one value per control tick, to compute before the run with a controller of their own.
         progress: called with the simulated time now and then.
-        obstacle: how a passing sphere is seen; ``None``: there is none.
 
     Returns:
         The result, not yet saved.
@@ -141,34 +129,64 @@ def run(
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     robot = check_options(options)
-    control, plant_settings = control_config(robot, options), plant_config(options.plant)
+    control, plant_settings = control_config(robot, options, scenario), plant_config(options.plant)
     plant = MujocoPlant(robot, plant_settings, np.random.default_rng(options.seed))
-    q0 = standing_configuration(robot, posture)
-    plant.reset(q0)
-    kinds = () if obstacle is None else ("sphere",)
-    supervisor = Supervisor(WholeBodyController(robot, control, hands is not None, obstacle_kinds=kinds))
-    kin = supervisor.controller.kin
-    kin.update(q0, np.zeros(kin.nv))
-    reference = reference_here(kin, with_hands=hands is not None)
-    motions: list[Motion] = [CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE)]
-    if hands is not None:
-        motions.append(hands(robot, reference))
-    further: dict[str, Array] = {}
-    if extra is not None:
-        shadow = WholeBodyController(robot, control, with_hands=hands is not None)
-        further = extra(shadow, reference, motions, options.duration)
+    loop = _make_loop(scenario, options, plant, control, progress)
+    shadow = None
+    if scenario.extra is not None:
+        controller = WholeBodyController(robot, control, with_hands=scenario.hands is not None)
+        shadow = scenario.extra(controller, loop.reference, loop.motions, options.duration)
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
-    encounter = None
-    if obstacle is not None:
-        encounter = passing_sphere(reference, obstacle, np.random.default_rng([options.seed, 1]))
-    loop = ClosedLoop(plant, supervisor, reference, motions, encounter, options.nan_at, progress)
     outcome = loop.run(options.duration)
     series = loop.series() | {"support_polygon": polygon}
     steps, ticks = len(series["step_time"]), len(series["time"])
-    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in further.items()}
-    head = {
-        "experiment": experiment,
-        "robot": robot.name,
+    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in (shadow or {}).items()}
+    measured = summarise(series, outcome) | {"first_relaxed": loop.first_relaxed}
+    measured |= guarantee_figures(series, control, len(robot.leg_pairs))
+    if scenario.figures is not None:
+        measured |= scenario.figures(robot, series)
+    summary = _head(scenario, options, control, loop.supervisor) | measured | {"versions": versions()}
+    config = resolved_config(scenario.experiment, options, control, plant_settings)
+    return RunResult(robot, config, summary, series)
+
+
+def _make_loop(
+    scenario: Scenario,
+    options: RunOptions,
+    plant: MujocoPlant,
+    control: ControllerConfig,
+    progress: Callable[[float], None] | None,
+) -> ClosedLoop:
+    """Plant at its first posture, controller, references and what moves them."""
+    robot, hands = plant.robot, scenario.hands is not None
+    q0 = standing_configuration(robot, scenario.posture)
+    plant.reset(q0)
+    kinds = () if scenario.encounter is None else ("sphere",)
+    supervisor = Supervisor(WholeBodyController(robot, control, hands, obstacle_kinds=kinds))
+    kin = supervisor.controller.kin
+    kin.update(q0, np.zeros(kin.nv))
+    reference = reference_here(kin, with_hands=hands)
+    motions: list[Motion] = []
+    gait = None
+    if scenario.gait is None:
+        motions.append(CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE))
+    else:
+        gait = scenario.gait(robot, plant.true_state())
+    if scenario.hands is not None:
+        motions.append(scenario.hands(robot, reference))
+    encounter = None
+    if scenario.encounter is not None:
+        encounter = scenario.encounter(robot, reference, np.random.default_rng([options.seed, 1]))
+    return ClosedLoop(
+        plant, supervisor, reference, motions, encounter, options.nan_at, progress, gait=gait, pushes=scenario.pushes
+    )
+
+
+def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, supervisor: Supervisor) -> dict[str, Any]:
+    """What a summary begins with."""
+    return {
+        "experiment": scenario.experiment,
+        "robot": supervisor.controller.robot.name,
         "filter": control.filter,
         "mass_scale": options.plant.mass_scale,
         "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
@@ -177,10 +195,6 @@ def run(
         "stop_cause": supervisor.cause,
         "stop_time_s": supervisor.stopped_at if supervisor.cause else None,
     }
-    promised = guarantee_figures(series, control, len(robot.leg_pairs))
-    measured = summarise(series, outcome) | {"first_relaxed": loop.first_relaxed} | promised
-    summary = head | measured | {"versions": versions()}
-    return RunResult(robot, resolved_config(experiment, options, control, plant_settings), summary, series)
 
 
 def resolved_config(

@@ -7,6 +7,12 @@ import numpy as np
 from robots.errors import ConfigError
 
 
+def require_finite(name: str, value: float) -> None:
+    """Raise :class:`ConfigError` unless ``value`` is a finite number."""
+    if not (isinstance(value, int | float) and math.isfinite(value)):
+        raise ConfigError(name, value, "a finite number")
+
+
 def require_positive(name: str, value: float) -> None:
     """Raise :class:`ConfigError` unless ``value`` is finite and above zero."""
     if not (isinstance(value, int | float) and math.isfinite(value) and value > 0):

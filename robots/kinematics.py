@@ -182,6 +182,13 @@ class Kinematics:
         pin.updateFramePlacements(self.model, self.data)
         self.update_second_order()
 
+    def update_center_of_mass(self, q: Array, v: Array) -> None:
+        """Compute CoM, its velocity, and placements only, at ``q`` (nq,) and ``v`` (nv,)."""
+        np.copyto(self.q, q)
+        np.copyto(self.v, v)
+        pin.centerOfMass(self.model, self.data, self.q, self.v, False)
+        pin.updateFramePlacements(self.model, self.data)
+
     def update_second_order(self) -> None:
         """Compute ``joint_velocities`` and ``joint_accelerations`` at the state of the last :meth:`update`."""
         np.multiply(self.support, self.v, out=self._rates)

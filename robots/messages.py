@@ -25,12 +25,14 @@ class RobotState:
             frame, joint velocities [rad/s]].
         tau: shape (nj,) motor torques [N m].
         stamp: time of measurement [s].
+        foot_forces: shape (2,) vertical force on left and right sole [N]; ``None`` where it is not measured.
     """
 
     q: Array
     v: Array
     tau: Array
     stamp: float
+    foot_forces: Array | None = None
 
 
 @dataclass(frozen=True, slots=True)

@@ -148,7 +148,8 @@ class MujocoPlant:
         q, v = qpos.copy(), qvel.copy()
         q[3:6], q[6] = qpos[4:7], qpos[3]
         v[:3] = rotation_from_quaternion(q[3:7]).T @ qvel[:3]
-        return RobotState(q, v, self.torque.copy(), self.time)
+        forces = self.contact_wrenches()[:, 2]
+        return RobotState(q, v, self.torque.copy(), self.time, forces)
 
     def measured_state(self) -> RobotState:
         """State with the configured sensor noise; new arrays."""
@@ -169,6 +170,11 @@ class MujocoPlant:
     def send(self, command: MotorCommand) -> None:
         """Send a command; it takes effect after the actuator delay and holds until the next one does."""
         self._pending.append((self._steps + self._delay_steps, command))
+
+    def push(self, force: Array) -> None:
+        """Push the torso with ``force`` (3,), world axes, at its body's origin, until another is given [N]."""
+        body = self.robot.frame(self.robot.roles["torso"]).body
+        self.data.xfrc_applied[self.data.body(body).id, :3] = force
 
     def step(self) -> None:
         """Advance by one physics step, the motors evaluating eq. (19) of Lee et al. within their effort limits.

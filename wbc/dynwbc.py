@@ -186,6 +186,7 @@ class DynWbc:
         contact_bias: Array | None = None,
         conditions: tuple[Array, Array] | None = None,
         joint_bounds: tuple[Array, Array] | None = None,
+        load_scale: float = 1.0,
     ) -> DynWbcProblem:
         """Assemble the reduced QP.
 
@@ -198,6 +199,7 @@ class DynWbc:
             conditions: A (k, nv) and b (k,) of A q_ddot >= b, as many as announced.
             joint_bounds: lower and upper bound of the joints' accelerations, (nj,) each [rad/s^2]; given up where
                 contacts and torques cannot keep them.
+            load_scale: factor on the model's masses and inertias, for a robot found to be heavier or lighter.
 
         Returns:
             The problem and the maps back to base acceleration and torques.
@@ -208,13 +210,16 @@ class DynWbc:
         nj, nx, w = self.nj, self.nx, self.weights
         jacobian = self.contact_jacobian(kin, in_contact)
         base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))
-        eliminate_base(kin.mass_matrix, kin.bias, jacobian, base, torque)
+        mass_matrix, bias = kin.mass_matrix, kin.bias
+        if load_scale != 1.0:
+            mass_matrix, bias = load_scale * mass_matrix, load_scale * bias
+        eliminate_base(mass_matrix, bias, jacobian, base, torque)
         hessian, gradient = np.empty((nx, nx)), np.empty(nx)
         torque_cost(
             base,
             torque,
             jacobian,
-            kin.bias,
+            bias,
             acceleration,
             wrench,
             self._last.torque,

@@ -179,7 +179,7 @@ def encountered(**seen: Any) -> tuple[Encounter, Obstacle, ObstacleTrack]:
     kin = Kinematics(load_robot("g1"))
     kin.update(standing_configuration(kin.robot, "hands_front"), np.zeros(kin.nv))
     settings = SensorSettings(**seen)
-    encounter = passing_sphere(reference_here(kin, with_hands=True), settings, np.random.default_rng(3))
+    encounter = passing_sphere(settings, kin.robot, reference_here(kin, with_hands=True), np.random.default_rng(3))
     sensor = PositionSensor(settings.rate, settings.noise, np.random.default_rng(3))
     track = ObstacleTrack(TrackerSettings(position_noise=settings.noise))
     for t in SENSED:

@@ -16,7 +16,7 @@ from wbc.dynwbc import DynWbcWeights
 
 T = TypeVar("T")
 
-TABLES = ("tasks", "safety", "contact", "balance", "dynwbc", "controller", "hand_tracking", "walking", "taichi")
+TABLES = ("tasks", "safety", "contact", "balance", "dynwbc", "controller", "hand_tracking", "walking", "taichi", "lateral_steps")
 """Tables below ``[tuning]`` that some part of the project reads."""
 
 DRIVES = ("simulation", "hardware")

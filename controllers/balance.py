@@ -24,7 +24,14 @@ def zmp_command(dcm: Array, reference: DcmReference, gain: float) -> Array:
     return command
 
 
-def clip_to_support(point: Array, centres: Array, yaws: Array, half_sizes: Array, in_contact: Mask) -> Array:
+def clip_to_support(
+    point: Array,
+    centres: Array,
+    yaws: Array,
+    half_sizes: Array,
+    in_contact: Mask,
+    load_limits: Array | None = None,
+) -> Array:
     """The point (2,) moved into the soles that stand, or between them.
 
     With both feet down the region is a sole moved along the line between the two: the convex hull where both have one
@@ -36,6 +43,8 @@ def clip_to_support(point: Array, centres: Array, yaws: Array, half_sizes: Array
         yaws: shape (2,) their directions [rad].
         half_sizes: shape (2, 2) half length and half width of each [m].
         in_contact: shape (2,) which of them stand; with none the point is returned as it is.
+        load_limits: shape (2,) largest share of the weight on each, 1 together at least; between two feet the ZMP's
+            place on the line decides the shares.
 
     Returns:
         New array (2,) [m].
@@ -45,7 +54,9 @@ def clip_to_support(point: Array, centres: Array, yaws: Array, half_sizes: Array
     if in_contact.all():
         line = centres[1] - centres[0]
         length = float(line @ line)
-        share = 0.5 if length < 1e-12 else min(max(float((point - centres[0]) @ line) / length, 0.0), 1.0)
+        least, most = (0.0, 1.0) if load_limits is None else (1.0 - load_limits[0], load_limits[1])
+        least, most = max(0.0, least), min(1.0, most)
+        share = 0.5 if length < 1e-12 else min(max(float((point - centres[0]) @ line) / length, least), most)
         centre, half = centres[0] + share * line, half_sizes.min(axis=0)
         yaw = yaws[0] + share * np.remainder(yaws[1] - yaws[0] + np.pi, 2 * np.pi) - share * np.pi
     else:

@@ -5,6 +5,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
+from controllers.torque_modes import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
@@ -16,7 +17,18 @@ from wbc.dynwbc import DynWbcWeights
 
 T = TypeVar("T")
 
-TABLES = ("tasks", "safety", "contact", "balance", "dynwbc", "controller", "hand_tracking", "walking", "taichi", "lateral_steps")
+TABLES = (
+    "tasks",
+    "safety",
+    "contact",
+    "balance",
+    "dynwbc",
+    "controller",
+    "hand_tracking",
+    "walking",
+    "taichi",
+    "lateral_steps",
+)
 """Tables below ``[tuning]`` that some part of the project reads."""
 
 DRIVES = ("simulation", "hardware")
@@ -75,7 +87,9 @@ class FilterTuning:
         obstacle: obstacles.
         workspace: workspace bounds.
         custom: barriers of one's own.
-        foot_weight: weight on velocity given to stance feet, 0 or above.
+        foot_weight: weight on velocity given to feet on the ground, and on turning one in the air, 0 or above.
+        swing_weight: the same for the position of a foot in the air, 0 or above; with 0 it gives way to everything, a
+            leg in its way as well as hands that pull. Without ``foot_weight`` it does not count.
         balance_weight: weight on changes of the tasks between feet and hands (CoM, base, torso), 0 or above.
         hand_weight: weight on changes of the hands' tasks, 0 or above.
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
@@ -90,6 +104,7 @@ class FilterTuning:
     workspace: FamilyParameters = _family(5.0, 5.0)
     custom: FamilyParameters = _family(5.0, 5.0)
     foot_weight: float = 1000.0
+    swing_weight: float = 0.0
     balance_weight: float = 1000.0
     hand_weight: float = 100.0
     velocity_scale: float = 0.5
@@ -100,7 +115,7 @@ class FilterTuning:
         for name in FAMILIES:
             if not isinstance(getattr(self, name), FamilyParameters):
                 raise ConfigError(name, getattr(self, name), "parameters of a constraint family")
-        for name in ("foot_weight", "balance_weight", "hand_weight"):
+        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight"):
             require_non_negative(name, getattr(self, name))
         for name in ("velocity_scale", "base_linear", "base_angular"):
             require_positive(name, getattr(self, name))
@@ -161,6 +176,10 @@ class ControllerConfig:
             comparison with the papers' baselines, in simulation only.
         drives: what the commands go to, ``simulation`` or ``hardware``.
         gain_scale: factor on the motors' gains of the description.
+        torque: what torque the motors are told besides positions and velocities, see
+            :data:`controllers.torque_modes.TORQUE_MODES`; all but ``full`` are for comparison, in simulation only.
+        without_drift: whether the acceleration that feet and CoM have by their velocities alone is taken off their
+            commands; the paper's form does not.
         tasks: KinWBC.
         safety: safety filter.
         contact: soles.
@@ -174,6 +193,8 @@ class ControllerConfig:
     infeasible: str = "least_slack"
     drives: str = "simulation"
     gain_scale: float = 1.0
+    torque: str = "full"
+    without_drift: bool = False
     tasks: TaskTuning = field(default_factory=TaskTuning)
     safety: FilterTuning = field(default_factory=FilterTuning)
     contact: ContactTuning = field(default_factory=ContactTuning)
@@ -187,11 +208,14 @@ class ControllerConfig:
         require_one_of("filter", self.filter, FILTERS)
         require_one_of("infeasible", self.infeasible, INFEASIBLE)
         require_one_of("drives", self.drives, DRIVES)
+        require_one_of("torque", self.torque, TORQUE_MODES)
         if self.drives == "hardware":
             if self.filter == "none":
                 raise ConfigError("filter", self.filter, "a filter where the commands drive hardware")
             if self.infeasible == "unsafe_pass_nominal":
                 raise ConfigError("infeasible", self.infeasible, "least_slack where the commands drive hardware")
+            if self.torque != "full":
+                raise ConfigError("torque", self.torque, "full where the commands drive hardware")
 
 
 def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConfig:
@@ -209,18 +233,29 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
     if unknown := sorted(set(robot.tuning) - set(TABLES)):
         raise DescriptionError(robot.file, "tuning", unknown, "among " + ", ".join(TABLES))
     parts: dict[str, Any] = {
-        "tasks": _from_table(TaskTuning, robot, "tasks"),
-        "safety": _from_table(FilterTuning, robot, "safety"),
-        "contact": _from_table(ContactTuning, robot, "contact"),
-        "balance": _from_table(BalanceTuning, robot, "balance"),
-        "dynwbc": _from_table(DynWbcWeights, robot, "dynwbc"),
+        "tasks": from_table(TaskTuning, robot, "tasks"),
+        "safety": from_table(FilterTuning, robot, "safety"),
+        "contact": from_table(ContactTuning, robot, "contact"),
+        "balance": from_table(BalanceTuning, robot, "balance"),
+        "dynwbc": from_table(DynWbcWeights, robot, "dynwbc"),
     }
-    base = _from_table(ControllerConfig, robot, "controller", tuple(parts))
+    base = from_table(ControllerConfig, robot, "controller", tuple(parts))
     return dataclasses.replace(base, **(parts | changes))
 
 
-def _from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tuple[str, ...] = ()) -> T:
-    """The settings class ``kind`` filled from one table; fields named in ``elsewhere`` have tables of their own."""
+def from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tuple[str, ...] = ()) -> T:
+    """The settings class ``kind`` filled from one table below ``[tuning]``; defaults for what it does not give.
+
+    Args:
+        kind: a dataclass all of whose fields have defaults.
+        robot: the description.
+        table: name of the table; it may be absent.
+        elsewhere: fields that have tables of their own.
+
+    Raises:
+        DescriptionError: the table has an unknown field.
+        ConfigError: a value is not allowed.
+    """
     values: dict[str, Any] = dict(robot.tuning.get(table, {}))
     defaults = {f.name: f.default for f in dataclasses.fields(kind) if f.name not in elsewhere}  # type: ignore[arg-type]
     _require_known(robot, table, values, defaults)

@@ -34,6 +34,17 @@ class VelocityCommand:
         for name in ("vx", "vy", "wz"):
             require_finite(name, getattr(self, name))
 
+    def towards(self, other: "VelocityCommand", speed: float, turn: float) -> "VelocityCommand":
+        """The command that goes from this one to ``other``, by at most ``speed`` [m/s] and ``turn`` [rad/s]."""
+        dx, dy = other.vx - self.vx, other.vy - self.vy
+        size = math.hypot(dx, dy)
+        if size <= speed:
+            vx, vy = other.vx, other.vy
+        else:
+            vx, vy = self.vx + dx * speed / size, self.vy + dy * speed / size
+        wz = min(max(other.wz, self.wz - turn), self.wz + turn)
+        return VelocityCommand(vx, vy, wz, other.stepping)
+
     @property
     def walks(self) -> bool:
         """Whether the feet are to move."""

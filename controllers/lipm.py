@@ -99,20 +99,29 @@ def _dcm_in_phase(phase: ZmpPhase, dcm_end: Array, t: float, omega: float) -> Ar
     return zmp + speed / omega + (dcm_end - phase.end - speed / omega) * np.exp(omega * (t - phase.duration))
 
 
-def shifted_start(phase: ZmpPhase, dcm_start: Array, dcm_end: Array, omega: float) -> Array:
-    """Where the ZMP of ``phase`` has to start, instead of ``phase.start``, for the DCM to go between two points.
+def waypoint(
+    dcm_start: Array, zmp_start: Array, zmp_end: Array, dcm_end: Array, durations: tuple[float, float], omega: float
+) -> Array:
+    """Where a ZMP that goes to ``zmp_end`` by way of one more point has to turn, for the DCM to go between two points.
+
+    So a walk begins from standing without a jump of the ZMP.
 
     Args:
-        phase: its end and duration are kept.
-        dcm_start: shape (2,) DCM at its start [m].
-        dcm_end: shape (2,) DCM at its end [m].
+        dcm_start: shape (2,) DCM at the start [m].
+        zmp_start: shape (2,) ZMP at the start [m].
+        zmp_end: shape (2,) ZMP at the end [m].
+        dcm_end: shape (2,) DCM at the end [m].
+        durations: to the point and from it, each above 0 [s].
         omega: of the pendulum [1/s].
 
     Returns:
-        Shape (2,) [m].
+        Shape (2,) the point [m].
     """
-    turn = omega * phase.duration
-    decay = np.exp(-turn)
-    share = (1.0 - decay) / turn
-    start: Array = (dcm_start - phase.end * (share - decay) - dcm_end * decay) / (1.0 - share)
-    return start
+    turns = omega * durations[0], omega * durations[1]
+    decays = np.exp(-turns[0]), np.exp(-turns[1])
+    shares = (1.0 - decays[0]) / turns[0], (1.0 - decays[1]) / turns[1]
+    # of one phase: dcm_start = zmp_start (1 - share) + zmp_end (share - decay) + dcm_end decay
+    rest = zmp_end * (shares[1] - decays[1]) + dcm_end * decays[1]
+    factor = (shares[0] - decays[0]) + (1.0 - shares[1]) * decays[0]
+    out: Array = (dcm_start - zmp_start * (1.0 - shares[0]) - rest * decays[0]) / factor
+    return out

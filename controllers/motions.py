@@ -160,3 +160,43 @@ class HandsToTargets:
             for a, b in zip(self._hands, self._targets, strict=True)
         )
         reference.hands = (left, right)
+
+
+class CarriedHands:
+    r"""Both hands carried along: at fixed places beside the CoM's reference, in axes that turn with the heading.
+
+    .. math:: p = c + R_z(\psi)\, r,\quad \dot p = \dot c + \dot\psi\, z \times R_z(\psi)\, r
+
+    To be applied after what moves CoM and heading. The heading is that of the base's reference.
+    """
+
+    def __init__(self, reference: WholeBodyReference) -> None:
+        """Keep the hands where ``reference`` has them now, as seen from its CoM and heading.
+
+        Raises:
+            ConfigError: the reference has no hands.
+        """
+        if reference.hands is None:
+            raise ConfigError("hands", None, "given by the reference")
+        back = _heading_axes(reference).T
+        left, right = (back @ (hand.position - reference.com.position) for hand in reference.hands)
+        self._places = (left, right)
+
+    def apply(self, reference: WholeBodyReference, t: float) -> None:
+        """See :meth:`Motion.apply`."""
+        axes, rate, com = _heading_axes(reference), reference.turn_rate, reference.com
+        left, right = (axes @ place for place in self._places)
+        reference.hands = (_carried(com, left, rate), _carried(com, right, rate))
+
+
+def _heading_axes(reference: WholeBodyReference) -> Array:
+    """Rotation (3, 3) about the vertical that has the direction of the base's forward axis."""
+    c, s = reference.base_rotation[:2, 0] / np.linalg.norm(reference.base_rotation[:2, 0])
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def _carried(com: PointReference, arm: Array, rate: float) -> PointReference:
+    """A point at ``arm`` (3,) [m] from ``com`` that turns about its vertical at ``rate`` [rad/s]."""
+    across = np.array([-arm[1], arm[0], 0.0])
+    inward = np.array([arm[0], arm[1], 0.0])
+    return PointReference(com.position + arm, com.velocity + rate * across, com.acceleration - rate**2 * inward)

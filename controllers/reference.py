@@ -31,9 +31,12 @@ class WholeBodyReference:
         hands: left and right hand, or ``None``: the posture then decides where the arms are.
         joints: shape (nj,) posture [rad].
         in_contact: shape (2,) whether each foot is meant to be on the ground.
+        sole_turns: shape (2, 2) rate [rad/s] and second rate [rad/s^2] at which each sole turns about the vertical.
+        load_limits: shape (2,) largest share of the robot's weight that each foot may carry; 1 and above is no limit.
         turn_rate: rate at which base and torso turn about the vertical [rad/s].
         dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
             feedback of :mod:`controllers.balance`, and ``com`` only gives the height.
+        gait: whether a gait moves feet and CoM without giving a DCM; a stop then leaves it to bring them to rest.
     """
 
     com: PointReference
@@ -44,8 +47,11 @@ class WholeBodyReference:
     hands: tuple[PointReference, PointReference] | None
     joints: Array
     in_contact: Mask
+    sole_turns: Array = field(default_factory=lambda: np.zeros((2, 2)))
+    load_limits: Array = field(default_factory=lambda: np.ones(2))
     turn_rate: float = 0.0
     dcm: DcmReference | None = None
+    gait: bool = False
 
 
 def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:

@@ -42,8 +42,8 @@ class Supervisor:
       it.
     - *Holding* (:meth:`hold`): where the state is sound but the task cannot go on, a lost obstacle for example. The
       references freeze where they are and the controller goes on keeping balance, with the obstacles last known.
-      References that a gait moves (they give a DCM) do not freeze, perhaps on one leg: the gait is to be stopped, and
-      brings them to rest.
+      References that a gait moves (they give a DCM, or say so) do not freeze, perhaps on one leg: the gait is to be
+      stopped, and brings them to rest.
 
     How old a state is, nothing here can tell: its stamp is the only clock of a tick. Noticed is a stamp that stands
     still or goes back; a state that arrives late, but in order, is for whoever reads the sensors to refuse. For the
@@ -120,7 +120,7 @@ class Supervisor:
 
     def _held_reference(self, reference: WholeBodyReference) -> WholeBodyReference:
         """The reference of the moment of the stop, at rest; that of a gait goes on, for the gait to end."""
-        if reference.dcm is not None:
+        if reference.dcm is not None or reference.gait:
             return reference
         if self._frozen is None:
             self._frozen = copy.deepcopy(reference)

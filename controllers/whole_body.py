@@ -12,6 +12,7 @@ from controllers.balance import clip_to_support, zmp_command
 from controllers.config import ControllerConfig
 from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
+from controllers.torque_modes import gravity_torque
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -140,6 +141,8 @@ class WholeBodyController:
         if with_hands:
             levels.append([*self._hands])
         levels.append([self._posture])
+        for task in (*self._feet, self._com):
+            task.without_drift = self.config.without_drift
         self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min)
 
     def reset(self, state: RobotState) -> None:
@@ -173,6 +176,8 @@ class WholeBodyController:
         marks = [self._clock()]
         kin, dt = self.kin, self.config.dt
         kin.update(state.q, state.v)
+        if self.config.without_drift:
+            kin.update_drift()
         marks.append(self._clock())
         self._set_references(reference)
         levels = self.kinwbc.evaluate(kin)
@@ -195,16 +200,34 @@ class WholeBodyController:
             conditions = (spaces.A, spaces.b)
             bounds = self.acceleration_filter.joint_bounds(self.dynwbc, state.v, dt)
         in_contact = reference.in_contact
-        problem = self.dynwbc.build(kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds, load_scale)
+        limits = reference.load_limits
+        problem = self.dynwbc.build(
+            kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds, load_scale, limits
+        )
         marks.append(self._clock())
         dynamic = self.dynwbc.solve(problem)
         if self.acceleration_filter is not None and spaces is not None:
             safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
         marks.append(self._clock())
         command = MotorCommand(
-            state.q[7:] + safety.v[6:] * dt, safety.v[6:].copy(), dynamic.torque.copy(), self._kp, self._kd, state.stamp
+            state.q[7:] + safety.v[6:] * dt,
+            safety.v[6:].copy(),
+            self._feed_forward(dynamic, in_contact),
+            self._kp,
+            self._kd,
+            state.stamp,
         )
         return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+
+    def _feed_forward(self, dynamic: DynWbcResult, in_contact: Mask) -> Array:
+        """Torques (nj,) that the motors are told, as the configuration has it."""
+        if self.config.torque == "full":
+            return dynamic.torque.copy()
+        if self.config.torque == "pd-only":
+            return np.zeros(dynamic.torque.size)
+        return gravity_torque(
+            self.kin, self.dynwbc.contact_jacobian(self.kin, in_contact), self._half_sizes, in_contact
+        )
 
     def _estimate_load(self, state: RobotState) -> float:
         if self.load is None or state.foot_forces is None:
@@ -231,9 +254,11 @@ class WholeBodyController:
         return self.filter.apply(rows, v_des, feet, balance, hands)
 
     def _set_references(self, reference: WholeBodyReference) -> None:
-        for task, point, rotation in zip(self._feet, reference.soles, reference.sole_rotations, strict=True):
+        parts = zip(self._feet, reference.soles, reference.sole_rotations, reference.sole_turns, strict=True)
+        for task, point, rotation, turn in parts:
             task.position, task.rotation = point.position, rotation
             task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
+            task.velocity[5], task.acceleration[5] = turn
         self._set_com(reference)
         self._base.rotation = reference.base_rotation
         self._torso.rotation = reference.torso_rotation
@@ -256,7 +281,7 @@ class WholeBodyController:
         zmp = zmp_command(measured, dcm, self.config.balance.dcm_gain)
         centres = np.array([p.position[:2] for p in reference.soles])
         yaws = np.array([math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations])
-        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact)
+        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
         task.position, task.velocity = point.position.copy(), point.velocity.copy()
         task.acceleration = point.acceleration.copy()
         # eq. (15) turns this velocity into exactly the acceleration of the pendulum
@@ -265,8 +290,17 @@ class WholeBodyController:
         task.acceleration[:2] = dcm.omega**2 * (kin.com[:2] - zmp)
 
     def _stance_jacobian(self, feet: Array, in_contact: Mask) -> Array:
-        """Rows of the feet's Jacobians (12, nv) that belong to feet on the ground."""
-        return feet if in_contact.all() else feet[np.repeat(in_contact, 6)]
+        """Rows of the feet's Jacobians (12, nv) that the filter is to leave alone.
+
+        All of a foot on the ground. Of a foot in the air its orientation: turned by its ankle out of another leg's way,
+        it would come down on its edge. Its position by a weight of its own.
+        """
+        tuning = self.config.safety
+        in_air = tuning.swing_weight / tuning.foot_weight if tuning.foot_weight > 0 else 0.0
+        share = np.repeat(np.where(in_contact, 1.0, in_air), 6)
+        share[3:6] = share[9:12] = 1.0
+        kept = share > 0
+        return feet if (share == 1.0).all() else np.sqrt(share[kept])[:, None] * feet[kept]
 
     def _wrench_reference(self, reference: WholeBodyReference, command: Array, load_scale: float) -> Array:
         """Wrenches (12,) that give the CoM the acceleration that an acceleration command (nv,) asks of it.
@@ -280,5 +314,5 @@ class WholeBodyController:
         centres = np.array([p[:2] for _, p in soles])
         height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
         zmp = kin.com[:2] - acceleration[:2] * (height / (GRAVITY + acceleration[2]))
-        load = load_from_zmp(zmp, centres, reference.in_contact)
+        load = load_from_zmp(zmp, centres, reference.in_contact, reference.load_limits)
         return distribute_wrench(load_scale * self._mass, kin.com, acceleration, soles, load, self._half_sizes)

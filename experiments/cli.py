@@ -2,8 +2,8 @@
 
 import sys
 from dataclasses import dataclass
-from importlib import metadata
-from typing import Annotated
+from importlib import import_module, metadata
+from typing import Annotated, Any
 
 import tyro
 
@@ -13,9 +13,14 @@ from experiments.options import (
     DemoOptions,
     DoctorOptions,
     HandTrackingOptions,
+    LateralStepsOptions,
+    ReplayOptions,
     StandOptions,
     TableOptions,
+    TaichiOptions,
+    WalkOptions,
 )
+from experiments.study_options import LocomotionTableOptions, PushSearchOptions, RandomWalkOptions, RandomWalksOptions
 from robots.errors import SafeWbcError
 
 DESCRIPTION = (
@@ -29,7 +34,14 @@ USAGE_ERROR = 2
 Experiment = (
     Annotated[StandOptions, tyro.conf.subcommand("stand")]
     | Annotated[HandTrackingOptions, tyro.conf.subcommand("hand-tracking")]
+    | Annotated[TaichiOptions, tyro.conf.subcommand("taichi")]
+    | Annotated[LateralStepsOptions, tyro.conf.subcommand("lateral-steps")]
+    | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
     | Annotated[CorridorOptions, tyro.conf.subcommand("corridor")]
+    | Annotated[RandomWalkOptions, tyro.conf.subcommand("random-walk")]
+    | Annotated[RandomWalksOptions, tyro.conf.subcommand("random-walks")]
+    | Annotated[PushSearchOptions, tyro.conf.subcommand("pushes")]
+    | Annotated[LocomotionTableOptions, tyro.conf.subcommand("locomotion-table")]
 )
 
 
@@ -45,6 +57,7 @@ Command = (
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
     | Annotated[TableOptions, tyro.conf.subcommand("table")]
+    | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
     | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
 )
 
@@ -66,6 +79,19 @@ def main() -> None:
     sys.exit(code)
 
 
+COMMANDS: dict[type, str] = {
+    BenchOptions: "bench:bench",
+    CorridorOptions: "corridor:corridor",
+    DemoOptions: "demo:demo",
+    LocomotionTableOptions: "locomotion_table:locomotion_table",
+    PushSearchOptions: "push_search:pushes",
+    RandomWalksOptions: "random_walks:random_walks",
+    ReplayOptions: "replay:replay",
+    TableOptions: "table:table",
+}
+"""Where the commands are that are no experiment of :mod:`experiments.registry`: ``module:function``, by options."""
+
+
 def dispatch(command: object) -> int:
     """Run a parsed command; returns the exit code."""
     from experiments.doctor import check_mujoco, doctor
@@ -73,23 +99,6 @@ def dispatch(command: object) -> int:
     if isinstance(command, DoctorOptions):
         return doctor()
     check_mujoco()
-    if isinstance(command, BenchOptions):
-        from experiments.bench import bench
-
-        return bench(command)
-    if isinstance(command, DemoOptions):
-        from experiments.demo import demo
-
-        return demo(command)
-    if isinstance(command, TableOptions):
-        from experiments.table import table
-
-        return table(command)
-    assert isinstance(command, Run)
-    if isinstance(command.experiment, CorridorOptions):
-        from experiments.corridor import corridor
-
-        return corridor(command.experiment)
-    from experiments.console import run_and_save
-
-    return run_and_save(command.experiment)
+    options: Any = command.experiment if isinstance(command, Run) else command
+    module, name = COMMANDS.get(type(options), "console:run_and_save").split(":")
+    return int(getattr(import_module(f"experiments.{module}"), name)(options))

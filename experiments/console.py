@@ -11,19 +11,18 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from experiments.figures import known_figures
-from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
-from experiments.options import HandTrackingOptions, OutputOptions, RunOptions, StandOptions
+from experiments.options import OutputOptions, RunOptions
+from experiments.registry import experiment_of
 from experiments.results import RunResult, prepare_folder, run_title, save_result
-from experiments.session import check_options, default_folder
-from experiments.stand import run_stand
+from experiments.session import default_folder
 from experiments.warmup import warm_up
 
 
 def run_and_save(options: RunOptions) -> int:
     """Run one experiment and write everything; returns the exit code: 0, or 1 where the robot fell or was stopped."""
     console = make_console()
-    robot = check_hand_tracking(options) if isinstance(options, HandTrackingOptions) else check_options(options)
-    name = "stand" if isinstance(options, StandOptions) else "hand-tracking"
+    experiment = experiment_of(options)
+    robot, name = experiment.check(options), experiment.name
     bars = progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration)
     with results_folder(options.output, name) as folder:
         warm_up(console, robot)
@@ -38,10 +37,7 @@ def run_and_save(options: RunOptions) -> int:
 
 def run_one(options: RunOptions, advance: Any) -> RunResult:
     """Run the experiment that the options belong to; ``advance`` is called with the simulated time."""
-    if isinstance(options, HandTrackingOptions):
-        return run_hand_tracking(options, advance)
-    assert isinstance(options, StandOptions)
-    return run_stand(options, advance)
+    return experiment_of(options).run(options, advance)
 
 
 def make_console() -> Console:

@@ -7,11 +7,11 @@ from matplotlib.lines import Line2D
 
 from experiments.plot_style import INK, UNSAFE, coloured, finish, new_figure, shade_unsafe
 from experiments.results import GUARANTEED, RunResult, family_minima, smallest_self_collision
+from experiments.stances import walks
 from robots.description import RobotDescription
 
 CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
-LINE_STYLES = ("-", "--", ":", "-.")
 
 
 def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
@@ -88,24 +88,63 @@ def obstacle_plot(results: Sequence[RunResult]) -> bytes | None:
 
 
 def limits_plot(results: Sequence[RunResult]) -> bytes | None:
-    """Smallest joint-limit barrier [rad] and each workspace barrier [mm] over time."""
+    """Smallest joint-limit barrier [rad], and the distance that each workspace bound limits, with its bound [m]."""
     shown = [r for r in results if len(r.series["step_time"])]
+    if not shown:
+        return None
+    bounds = shown[0].robot.workspace
+    figure, axes = new_figure(1, 1 + len(bounds), 3.0, sharex=True)
+    for result, colour in coloured(shown):
+        time = result.series["step_time"]
+        axes[0].plot(time, result.series["h_joint_limit"], color=colour)
+        for axis, bound, h in zip(axes[1:], bounds, result.series["h_workspace"].T, strict=True):
+            axis.plot(time, bound.d_max - h, color=colour)
+    axes[0].axhline(0.0, color=UNSAFE, lw=1.1)
+    axes[0].set_title("smallest room to a joint limit")
+    axes[0].set_ylabel("room [rad]")
+    for axis, bound in zip(axes[1:], bounds, strict=True):
+        axis.axhline(bound.d_max, color=UNSAFE, lw=1.1)
+        low, high = axis.get_ylim()
+        axis.axhspan(bound.d_max, high, color=UNSAFE, alpha=0.09, lw=0)
+        axis.set_ylim(low, high)
+        axis.set_title(bound.name.replace("_", " "))
+        axis.set_ylabel("distance [m]")
+    return finish(figure, axes, shown)
+
+
+def feet_plot(results: Sequence[RunResult]) -> bytes | None:
+    """Barrier between the feet, and the smallest among all pairs of legs [mm]; ``None`` where no run walks."""
+    shown = [r for r in results if walks(r.series) and feet_pairs(r.robot)]
     if not shown:
         return None
     figure, axes = new_figure(1, 2, 3.0, sharex=True)
     for result, colour in coloured(shown):
-        time = result.series["step_time"]
-        axes[0].plot(time, result.series["h_joint_limit"], color=colour)
-        for k, style in zip(range(result.series["h_workspace"].shape[1]), LINE_STYLES, strict=False):
-            axes[1].plot(time, 1e3 * result.series["h_workspace"][:, k], style, color=colour)
-    names = ", ".join(b.name.replace("_", " ") for b in shown[0].robot.workspace)
-    axes[0].set_title("smallest of all joint limits")
-    axes[1].set_title(f"workspace: {names}" if names else "workspace: no bounds")
-    axes[0].set_ylabel("distance [rad]")
-    axes[1].set_ylabel("distance [mm]")
+        time, h = result.series["step_time"], 1e3 * result.series["h_self_collision"]
+        axes[0].plot(time, h[:, feet_pairs(result.robot)].min(axis=1), color=colour)
+        axes[1].plot(time, h[:, h.shape[1] - len(result.robot.leg_pairs) :].min(axis=1), color=colour)
+    axes[0].set_title("left foot to right foot")
+    axes[1].set_title("smallest of all pairs of legs")
     for axis in axes:
-        axis.axhline(0.0, color=UNSAFE, lw=1.1)
+        shade_unsafe(axis)
+        axis.set_ylabel("distance [mm]")
     return finish(figure, axes, shown)
+
+
+def feet_pairs(robot: RobotDescription) -> list[int]:
+    """Columns of ``h_self_collision`` of one foot with the other: bodies with a sole, and below."""
+    left, right = (_foot_shapes(robot, robot.frame(sole.frame).body) for sole in robot.soles)
+    pairs = enumerate(robot.self_collision_pairs)
+    return [k for k, (a, b) in pairs if (a in left and b in right) or (a in right and b in left)]
+
+
+def _foot_shapes(robot: RobotDescription, top: str) -> set[str]:
+    """Names of the collision bodies on the body ``top`` and below it."""
+    parents = {body.name: body.parent for body in robot.bodies}
+
+    def within(body: str | None) -> bool:
+        return body is not None and (body == top or within(parents[body]))
+
+    return {shape.name for shape in robot.collisions if within(shape.body)}
 
 
 def _closest_pairs(results: Sequence[RunResult]) -> list[int]:

@@ -8,7 +8,10 @@ from controllers.perception import SphereTracker
 from controllers.reference import WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_one_of
 from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
 from robots.messages import Array
+from robots.pinocchio_model import standing_configuration
 from safety.obstacles import Obstacle
 from safety.tracking import TrackerSettings
 from sims.obstacles import PassingSphere, PositionSensor
@@ -27,6 +30,13 @@ VELOCITIES = ("estimated", "zero", "true")
 
 AHEAD = 0.06
 """How far in front of the hand's place it passes [m]: less than its radius, so the hand has to give way."""
+
+
+OVERLAP = 0.04
+"""How far a sphere beside the way reaches into where the left hand goes [m]."""
+
+BESIDE = {"static": 0.0, "moving": 0.25}
+"""Spheres beside the way, and how fast each comes towards the robot [m/s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,3 +109,60 @@ def passing_sphere(
     sphere = PassingSphere(start, np.array([0.0, -SPEED, 0.0]), RADIUS)
     sensor = PositionSensor(settings.rate, settings.noise, rng, settings.lost_at)
     return Encounter(sphere, sensor, settings)
+
+
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """Where a sphere meets the left hand of a robot that walks straight on.
+
+    Attributes:
+        kind: one of ``BESIDE``.
+        ahead: how far the robot has walked when the two meet [m].
+        sideways: how far it has swayed to the left then [m].
+        time: when that is [s].
+        posture: from which it starts.
+    """
+
+    kind: str
+    ahead: float
+    sideways: float
+    time: float
+    posture: str = "standing"
+
+    def __post_init__(self) -> None:
+        require_one_of("obstacle", self.kind, tuple(BESIDE))
+        for name in ("ahead", "sideways", "time"):
+            require_non_negative(f"obstacle {name}", getattr(self, name))
+
+
+def sphere_beside(
+    place: Beside,
+    settings: SensorSettings,
+    robot: RobotDescription,
+    reference: WholeBodyReference,
+    rng: np.random.Generator,
+) -> Encounter:
+    """A sphere to the left of the way, at the height of the left hand, ``OVERLAP`` into where the hand goes.
+
+    Raises:
+        ConfigError: no collision body is attached to the left hand.
+    """
+    hand = _hand_shape(robot, place.posture)
+    centre, radius = hand[:3], float(hand[3])
+    meeting = centre + np.array([place.ahead, place.sideways + radius + RADIUS - OVERLAP, 0.0])
+    velocity = np.array([-BESIDE[place.kind], 0.0, 0.0])
+    sphere = PassingSphere(meeting - place.time * velocity, velocity, RADIUS)
+    return Encounter(sphere, PositionSensor(settings.rate, settings.noise, rng, settings.lost_at), settings)
+
+
+def _hand_shape(robot: RobotDescription, posture: str) -> Array:
+    """Outermost end of the left hand's collision body in a posture: centre and radius, shape (4,) [m]."""
+    kin = Kinematics(robot)
+    kin.update_geometry(standing_configuration(robot, posture))
+    body = robot.frame(robot.roles["left_hand"]).body
+    shapes = [c for c in robot.collisions if c.body == body]
+    if not shapes:
+        raise ConfigError("obstacle", robot.name, "given only where the left hand has a collision body")
+    rotation, position = kin.frame_placement(kin.frame_id(body))
+    ends = [np.append(position + rotation @ end, c.radius) for c in shapes for end in (c.start, c.end)]
+    return max(ends, key=lambda end: float(end[1] + end[3]))

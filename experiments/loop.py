@@ -117,7 +117,8 @@ class ClosedLoop:
         promise = self._promises.get("self_collision")
         self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
         self.first_relaxed: str | None = None
-        self._start_height = float(plant.true_state().q[2])
+        self._state = plant.true_state()
+        self._start_height = float(self._state.q[2])
 
     def run(self, duration: float) -> LoopOutcome:
         """Run for ``duration`` [s], or until shortly after a fall or a stop."""
@@ -187,7 +188,8 @@ class ClosedLoop:
         return state
 
     def _record_tick(self, t: float, result: TickResult | None, elapsed: float) -> None:
-        state = self.plant.true_state()
+        # the instant of the last plant step, so what was measured then need not be worked out again
+        state, zmp = self._state, self.steps[-1]["step_zmp"] if self.steps else self.plant.zero_moment_point()
         nan = np.full(state.v.size, np.nan)
         controller, corners = self.supervisor.controller, self.plant.sole_corners()
         row: dict[str, Array | float | int] = {
@@ -200,7 +202,7 @@ class ClosedLoop:
             "in_contact": self.reference.in_contact.astype(float),
             "soles_ref": np.array([point.position for point in self.reference.soles]),
             "load_scale": 1.0 if controller.load is None else controller.load.scale,
-            "zmp": self.plant.zero_moment_point(),
+            "zmp": zmp,
             "foot_wrench": self.plant.contact_wrenches(),
             "v_des": nan if result is None else result.v_des,
             "v_safe": nan if result is None else result.safety.v,
@@ -226,7 +228,7 @@ class ClosedLoop:
     def _record_step(self) -> None:
         plant, cut = self.plant, self.truth.slices
         obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
-        state = plant.true_state()
+        state = self._state = plant.true_state()
         rows = self.truth.evaluate(state.q, obstacles)
         h, pairs = rows.h, cut["self_collision"]
         disturbance = state.v - self.ticks[-1]["v_safe"]
@@ -249,7 +251,7 @@ class ClosedLoop:
         )
 
     def _fallen(self) -> bool:
-        q = self.plant.true_state().q
+        q = self._state.q
         upright = rotation_from_quaternion(q[3:7])[2, 2]
         return bool(upright < FALL_TILT or q[2] < FALL_HEIGHT * self._start_height)
 

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from experiments.results import RunResult, run_title, smallest_self_collision
+from experiments.stances import stances, swings, walks, without_sway
 from robots.description import RobotDescription
-from robots.messages import Array
+from robots.messages import Array, Indices
 from safety.obstacles import Obstacle
 from sims.rendering import Camera, RobotRenderer, rendering_problem, video_problem, write_video
 from sims.shapes import Shape
@@ -31,6 +32,15 @@ PLATE = (1.0, 1.0, 0.005)
 
 WALKING_DISTANCE = 0.3
 """The camera follows a base that moves further than this [m]; otherwise it stands still."""
+
+STANDING_FRAMES, WALKING_FRAMES = 4, 8
+"""Number of pictures."""
+
+FOOTPRINTS = 14
+"""Number of footprints on the floor, the last ones."""
+
+FOOTPRINT_HEIGHT = 0.002
+"""[m]"""
 
 CAPTION_HEIGHT = 64
 CAPTION_BACK, CAPTION_INK, CAPTION_SAFE, CAPTION_UNSAFE = "#1f2933", "#f5f7fa", "#8fd3a8", "#ff8a80"
@@ -98,12 +108,12 @@ def rotation_to(z: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def key_frames(result: RunResult, n: int = 4) -> list[tuple[float, bytes]]:
-    """Pictures from the whole run, one of them at the smallest self-collision barrier.
+def key_frames(result: RunResult, n: int | None = None) -> list[tuple[float, bytes]]:
+    """Pictures from the whole run: of feet in the air, where the plan lifts them, and of the smallest barrier.
 
     Args:
         result: the run.
-        n: how many.
+        n: how many; ``None`` for 8 of a walk and 4 otherwise.
 
     Returns:
         (time [s], PNG) in the order of time; fewer than ``n`` for a run of fewer ticks, none where nothing can be
@@ -112,10 +122,10 @@ def key_frames(result: RunResult, n: int = 4) -> list[tuple[float, bytes]]:
     time = result.series["time"]
     if rendering_problem() is not None or not len(time):
         return []
-    ticks = _key_ticks(result, n)
-    camera = _camera(result)
+    ticks = _key_ticks(result, n or (WALKING_FRAMES if walks(result.series) else STANDING_FRAMES))
+    path = camera_path(result)
     with RobotRenderer(result.robot, 420, 480) as renderer:
-        return [(float(time[k]), _png(_picture(renderer, result, k, camera))) for k in ticks]
+        return [(float(time[k]), _png(_picture(renderer, result, k, path[k]))) for k in ticks]
 
 
 def make_video(results: Sequence[RunResult], path: Path, fps: float = 25.0) -> Path | None:
@@ -151,7 +161,7 @@ class _Panel:
     def __init__(self, result: RunResult, renderer: RobotRenderer) -> None:
         self.result = result
         self.renderer = renderer
-        self.camera = _camera(result)
+        self.path = camera_path(result)
         self.title = run_title(result)
         self.closest = np.minimum.accumulate(smallest_self_collision(result))
 
@@ -160,7 +170,7 @@ class _Panel:
         series = self.result.series
         tick = _last_before(series["time"], t)
         step = _last_before(series["step_time"], t)
-        picture = _picture(self.renderer, self.result, tick, self.camera)
+        picture = _picture(self.renderer, self.result, tick, self.path[tick])
         over = t > series["time"][-1] + 0.1
         closest = float(self.closest[step]) if len(self.closest) else np.inf
         # on top, because a browser lays its player's controls over the lower edge
@@ -186,9 +196,12 @@ def _last_before(times: NDArray[Any], t: float) -> int:
 
 
 def _key_ticks(result: RunResult, n: int) -> list[int]:
-    """``n`` ticks spread over the run, the nearest one moved to the smallest barrier."""
+    """``n`` ticks spread over the run, but for its ends moved to the middles of swings; one at the smallest barrier."""
     time = result.series["time"]
     ticks = np.linspace(0, len(time) - 1, n).round().astype(int)
+    if len(time) > n > 1:
+        middles = [(first + last) // 2 for first, last in swings(result.series)]
+        ticks[1:-1] = _at_swings(ticks[1:-1], middles, int(ticks[1] - ticks[0]) // 2)
     h = smallest_self_collision(result)
     if len(h) and np.isfinite(h).any():
         worst = _last_before(time, float(result.series["step_time"][np.nanargmin(h)]))
@@ -196,22 +209,61 @@ def _key_ticks(result: RunResult, n: int) -> list[int]:
     return sorted({int(k) for k in ticks})
 
 
-def _camera(result: RunResult) -> Camera:
+def _at_swings(ticks: Indices, middles: Sequence[int], reach: int) -> Indices:
+    """Ticks moved to the nearest of ``middles`` within ``reach``; each is taken once, the nearest pairs first."""
+    ways = sorted((abs(int(tick) - m), k, m) for k, tick in enumerate(ticks) for m in middles)
+    out, free, left = ticks.copy(), set(range(len(ticks))), set(middles)
+    for way, k, middle in ways:
+        if way <= reach and k in free and middle in left:
+            out[k] = middle
+            free.remove(k)
+            left.remove(middle)
+    return out
+
+
+def camera_path(result: RunResult) -> Array:
+    """What the camera looks at, tick by tick, shape (T, 2) [m].
+
+    It is the place of the base at the start, or where the robot walks, the base's path without its swaying.
+    """
     base = result.series["q"][:, :2]
-    if np.linalg.norm(np.ptp(base, axis=0)) > WALKING_DISTANCE:
-        return Camera()
-    return Camera(look_at=(float(base[0, 0]), float(base[0, 1])))
+    if not len(base) or np.linalg.norm(np.ptp(base, axis=0)) <= WALKING_DISTANCE:
+        return np.tile(base[:1], (len(base), 1))
+    return without_sway(base, result.series["time"])
 
 
-def _picture(renderer: RobotRenderer, result: RunResult, tick: int, camera: Camera) -> Picture:
+def footprints(result: RunResult, tick: int) -> list[Shape]:
+    """Thin plates where the soles have stood until a tick, of a run in which the plan lifts feet; the last ones."""
+    if not swings(result.series):
+        return []
+    begun = [stance for stance in stances(result.series) if stance.first <= tick][-FOOTPRINTS:]
+    now = result.series["sole_corners"][tick]
+    return [_plate(result, s.foot, s.corners if s.last <= tick else now[s.foot]) for s in begun]
+
+
+def _plate(result: RunResult, foot: int, corners: Array) -> Shape:
+    forward = np.append(corners[0] - corners[1], 0.0)
+    forward /= np.linalg.norm(forward)
+    rotation = np.column_stack([forward, np.cross([0.0, 0.0, 1.0], forward), [0.0, 0.0, 1.0]])
+    sole, height = result.robot.soles[foot], 0.5 * FOOTPRINT_HEIGHT
+    return Shape("box", (sole.half_length, sole.half_width, height), np.append(corners.mean(axis=0), height), rotation)
+
+
+def _picture(renderer: RobotRenderer, result: RunResult, tick: int, look_at: Array) -> Picture:
     series = result.series
     h_pairs = series["h_self_collision"]
     colours = None
     if len(h_pairs):
         colours = barrier_colours(result.robot, h_pairs[_last_before(series["step_time"], series["time"][tick])])
     targets = [series[name][tick] for name in ("left_hand_ref", "right_hand_ref") if name in series]
-    obstacles = series["obstacle"][tick : tick + 1] if "obstacle" in series else None
-    return renderer.image(series["q"][tick], colours, camera, np.array(targets) if targets else None, obstacles)
+    return renderer.image(
+        series["q"][tick],
+        colours,
+        Camera(look_at=(float(look_at[0]), float(look_at[1]))),
+        np.array(targets) if targets else None,
+        series["obstacle"][tick : tick + 1] if "obstacle" in series else None,
+        footprints(result, tick),
+    )
 
 
 def _png(picture: Picture) -> bytes:

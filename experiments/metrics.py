@@ -5,6 +5,7 @@ from importlib import metadata
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from controllers.config import ControllerConfig
@@ -44,8 +45,8 @@ def depth_in_hull(points: Array, corners: Array) -> Array:
             length = np.linalg.norm(edge, axis=1)
             relative = corners - corners[:, i, None]
             side = edge[:, None, 0] * relative[..., 1] - edge[:, None, 1] * relative[..., 0]
-            # an edge of the hull has every corner on its left
-            border = (length > 1e-9) & (side >= -1e-9).all(axis=1)
+            # an edge of the hull has every corner on its left, by distance: an edge may be as short as it likes
+            border = (length > 1e-9) & (side >= -1e-9 * length[:, None]).all(axis=1)
             own = points - corners[:, i]
             distance = (edge[:, 0] * own[:, 1] - edge[:, 1] * own[:, 0]) / np.maximum(length, 1e-9)
             depth = np.where(border, np.minimum(depth, distance), depth)
@@ -56,13 +57,21 @@ EDGE = 1e-4
 """The ZMP counts as inside up to this beyond the edge [m]: contact points lie on it when a foot tilts."""
 
 
+LOADED = 0.1
+"""A foot counts as loaded from this share of the weight on: a fifth of what it carries in standing."""
+
+
 def zmp_inside(series: dict[str, Array]) -> Mask:
     """At which plant steps the measured ZMP lies in the support polygon of the feet that the plan has on the ground.
 
-    Shape (P,). Without a vertical force it lies nowhere.
+    Args:
+        series: with ``sole_corners``, ``in_contact`` and ``step_zmp``.
+
+    Returns:
+        Shape (P,). Without a vertical force it lies nowhere, and where the plan has both feet up as well.
     """
-    corners, contact, zmp = series["sole_corners"], np.asarray(series["in_contact"], dtype=bool), series["step_zmp"]
-    tick = np.arange(len(zmp)) // -(-len(zmp) // len(corners))
+    corners, zmp = series["sole_corners"], series["step_zmp"]
+    tick, contact = _ticks_of_steps(series), _planned_contact(series)
     depth = np.full(len(zmp), np.nan)
     for feet in ([True, True], [True, False], [False, True]):
         chosen = (contact == feet).all(axis=1)[tick]
@@ -71,37 +80,100 @@ def zmp_inside(series: dict[str, Array]) -> Mask:
     return np.asarray(depth >= -EDGE)
 
 
+def zmp_inside_single(series: dict[str, Array]) -> float | None:
+    """Share of :func:`zmp_inside` among the plant steps at which the plan is on one foot; ``None`` without any."""
+    single = (_planned_contact(series).sum(axis=1) == 1)[_ticks_of_steps(series)]
+    return _share(zmp_inside(series) & single, single)
+
+
+def foot_slide(series: dict[str, Array]) -> Array:
+    """How far each sole has slid since it took up its load.
+
+    Args:
+        series: with ``soles``, ``foot_wrench`` and ``in_contact``.
+
+    Returns:
+        Shape (T, 2): horizontal distance of the sole's centre from where it was when it was first loaded after the
+        plan had put it on the ground [m]; NaN while the plan has it up or it carries less than ``LOADED`` of the
+        weight, which is the median over the run of what both feet carry.
+    """
+    contact, force = _planned_contact(series), series["foot_wrench"][:, :, 2]
+    loaded = contact & (force > LOADED * np.median(force.sum(axis=1)))
+    slide = np.full(contact.shape, np.nan)
+    for foot in range(contact.shape[1]):
+        stance = np.cumsum(np.diff(contact[:, foot], prepend=False))
+        ticks = np.flatnonzero(loaded[:, foot])
+        _, first, which = np.unique(stance[ticks], return_index=True, return_inverse=True)
+        place = series["soles"][ticks, foot, :2]
+        slide[ticks, foot] = np.linalg.norm(place - place[first][which], axis=1)
+    return slide
+
+
+def torque_step_max(series: dict[str, Array]) -> float | None:
+    """Largest change of one joint's torque from one tick to the next, as a share of its limit.
+
+    The motors are off before the first tick: getting going does not count. ``None`` for fewer than three ticks.
+    """
+    torque, share = series["torque"], series["torque_fraction"]
+    # the torques of a tick are those of the step before it, whose shares have no sign
+    before = np.arange(1, len(torque)) * (len(share) // len(torque)) - 1
+    change = np.abs(np.diff(np.copysign(share[before], torque[1:]), axis=0))
+    return _largest(change)
+
+
+def _ticks_of_steps(series: dict[str, Array]) -> NDArray[np.intp]:
+    """The tick that each plant step belongs to, shape (P,)."""
+    steps, ticks = len(series["step_zmp"]), len(series["in_contact"])
+    return np.arange(steps) // -(-steps // ticks)
+
+
+def _planned_contact(series: dict[str, Array]) -> Mask:
+    return np.asarray(series["in_contact"], dtype=bool)
+
+
 def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
     """Figures that every experiment has, from the recorded series; times in s, lengths in m."""
-    h_pairs = series["h_self_collision"]
     com_error = np.linalg.norm(series["com"] - series["com_ref"], axis=1)
     settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration)]
-    soles = series["soles"]
-    slide = np.linalg.norm(soles[:, :, :2] - soles[0, :, :2], axis=2)
-    # after a stop no filter runs: those ticks neither failed nor were filtered
-    running: Mask = np.asarray(np.isfinite(series["v_safe"]).all(axis=1))
-    status = np.where(running, series["filter_status"], 0)
     out: dict[str, Any] = {
         "duration_s": round(outcome.duration, 9),
         "fell": outcome.fell_at is not None,
         "fell_at_s": outcome.fell_at,
-        "min_h_self_collision_m": _smallest(h_pairs),
+        "min_h_self_collision_m": _smallest(series["h_self_collision"]),
         "min_h_joint_limit_rad": _smallest(series["h_joint_limit"]),
         "min_h_workspace_m": _smallest(series["h_workspace"]),
         "min_h_obstacle_m": _smallest(series["h_obstacle"][np.isfinite(series["h_obstacle"])]),
         "com_rmse_m": float(np.sqrt(np.mean(com_error**2))),
         "com_error_settled_max_m": float(settled.max()),
-        "foot_slide_max_m": float(slide.max()),
-        "zmp_inside_fraction": float(zmp_inside(series).mean()),
+        **_contact_figures(series),
         "max_torque_fraction": float(series["torque_fraction"].max()),
-        "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
-        "filtered_fraction": _share(status > 0, running),
-        "relaxed_fraction": _share(status == 2, running),
-        **_steps(series["v_safe"][running]),
+        "torque_step_max": torque_step_max(series),
+        **_filter_figures(series),
         "tick_ms_median": float(np.median(series["tick_ms"])),
         "tick_ms_p99": float(np.percentile(series["tick_ms"], 99)),
     }
     return out | _hand_figures(series)
+
+
+def _contact_figures(series: dict[str, Array]) -> dict[str, Any]:
+    slide = foot_slide(series)
+    return {
+        "foot_slide_max_m": _largest(slide[np.isfinite(slide)]),
+        "zmp_inside_fraction": float(zmp_inside(series).mean()),
+        "zmp_inside_single_fraction": zmp_inside_single(series),
+    }
+
+
+def _filter_figures(series: dict[str, Array]) -> dict[str, Any]:
+    # after a stop no filter runs: those ticks neither failed nor were filtered
+    running: Mask = np.asarray(np.isfinite(series["v_safe"]).all(axis=1))
+    status = np.where(running, series["filter_status"], 0)
+    return {
+        "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
+        "filtered_fraction": _share(status > 0, running),
+        "relaxed_fraction": _share(status == 2, running),
+        **_steps(series["v_safe"][running]),
+    }
 
 
 def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_pairs: int) -> dict[str, Any]:

@@ -109,8 +109,10 @@ class HandTrackingOptions(RunOptions):
 
 @dataclass(frozen=True)
 class TaichiOptions(RunOptions):
-    """Stand on the left leg while both hands go to far targets: the CoM over the left foot in 10 s, the right foot up
-    for 10 s, and down again."""
+    """Stand on the left leg while both hands go to far targets.
+
+    The CoM goes over the left foot in 10 s; then the right foot is up for 10 s, and comes down again.
+    """
 
     duration: float = 30.0
     """Simulated time [s]."""
@@ -136,10 +138,14 @@ class LateralStepsOptions(RunOptions):
 
 @dataclass(frozen=True)
 class WalkOptions(RunOptions):
-    """Walk at a commanded velocity of the body, or by a script of commands."""
+    """Walk at a commanded velocity of the body, or by a script of commands.
+
+    The robot stands for the first second, and is told to stop 3 s before the end: every run shows start and stop.
+    Without a script and with --vx 0 --vy 0 --wz 0 it steps on the spot.
+    """
 
     duration: float = 20.0
-    """Simulated time [s]."""
+    """Simulated time, above 4 s [s]."""
     vx: float = 0.2
     """Velocity forward [m/s]."""
     vy: float = 0.0
@@ -148,7 +154,7 @@ class WalkOptions(RunOptions):
     """Turning to the left [rad/s]."""
     script: Path | None = None
     """File of commands, one a line: time [s], vx [m/s], vy [m/s], wz [rad/s]; or time and the word stop, or step (on
-    the spot). Takes the place of --vx --vy --wz."""
+    the spot). Each holds until the next; # begins a comment. Takes the place of --vx --vy --wz."""
     hands: bool = False
     """Hold the hands in front of the body, as tasks; otherwise the arms keep their posture."""
     load_estimate: bool = True
@@ -157,7 +163,8 @@ class WalkOptions(RunOptions):
     """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
     x axis; for example 80,left,5."""
     obstacle: str = "none"
-    """A sphere at arm's height beside the way: none, static or moving."""
+    """A sphere of 8 cm radius to the left of the way at the height of the left hand, 4 cm into where the hand goes:
+    none, static, or moving (towards the robot at 0.25 m/s); only on a straight walk forward."""
 
 
 @dataclass(frozen=True)
@@ -240,6 +247,17 @@ class TableOptions:
     """Runs at a time [-]."""
     out: Path | None = None
     """Folder of the runs, each in a folder of its own; runs/table-<time> if not given."""
+
+
+@dataclass(frozen=True)
+class ReplayOptions:
+    """Run a saved run again by its config.json, and say whether every recorded array but the times is the same.
+
+    The exit code is 0 where all are the same bit by bit, 1 where not.
+    """
+
+    folder: tyro.conf.Positional[Path]
+    """Folder of a run: with config.json, summary.json and series.npz."""
 
 
 @dataclass(frozen=True)

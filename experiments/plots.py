@@ -8,18 +8,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.plot_style import DPI, INK, UNSAFE, WIDTH, coloured, finish, new_figure, style_axes, with_ticks
-from experiments.results import (
-    FILTER_STATUSES,
-    RunResult,
-    run_title,
-)
+from experiments.results import FILTER_STATUSES, RunResult, run_title
 from robots.description import RobotDescription
 from robots.messages import Array
 
 STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#7b1fa2", "#6b7280")
-CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
-LINE_STYLES = ("-", "--", ":", "-.")
 
 
 def hand_plot(results: Sequence[RunResult]) -> bytes | None:
@@ -73,29 +67,6 @@ def torque_plot(results: Sequence[RunResult]) -> bytes | None:
     style_axes([*axes, bars])
     bars.grid(False, axis="x")
     return finish(figure, [], shown)
-
-
-def balance_plot(results: Sequence[RunResult]) -> bytes | None:
-    """Ground plan [m]: measured zero-moment point and centre of mass in the support polygon, one picture a run."""
-    shown = with_ticks(results)
-    if not shown:
-        return None
-    columns = min(3, len(shown))
-    rows = -(-len(shown) // columns)
-    figure, axes = new_figure(rows, columns, 3.9 * rows)
-    for axis, (result, colour) in zip(axes, coloured(shown), strict=False):
-        polygon = result.series["support_polygon"]
-        axis.fill(*polygon.T, facecolor="#eef2f6", edgecolor="#9aa7b4", lw=1.2, label="support", zorder=0)
-        axis.plot(*result.series["zmp"].T, color=colour, lw=0.7, alpha=0.75, label="ZMP")
-        axis.plot(*result.series["com"][:, :2].T, color=INK, lw=1.4, label="CoM")
-        axis.set_aspect("equal", adjustable="datalim")
-        axis.set_xlabel("x [m]")
-        axis.set_ylabel("y [m]")
-        axis.set_title(run_title(result))
-    for axis in axes[len(shown) :]:
-        axis.set_visible(False)
-    axes[0].legend(loc="best")
-    return finish(figure, [], [])
 
 
 def com_plot(results: Sequence[RunResult]) -> bytes | None:

@@ -10,11 +10,13 @@ from urllib.parse import quote
 
 import numpy as np
 
+from experiments import balance_plots as balance
 from experiments import distance_plots as distances
 from experiments import plots
 from experiments.figures import known_figures
 from experiments.page import image, plot_section, section, write_page
 from experiments.results import FILTER_STATUSES, GUARANTEED, RunResult, plain, run_title, smallest_self_collision
+from experiments.stances import swings, walks
 from robots.errors import ConfigError
 
 Frames = Sequence[tuple[float, bytes]]
@@ -26,6 +28,16 @@ GUARANTEE_CAPTION = (
     "Smallest distance of arms, torso and head, and what the filter's condition promises of it for the velocity error "
     "d below: the robot's velocity less the filtered one. Dashed: for an error of that size in the worst direction. "
     "Dotted: for the error's own direction, at the closest pair. The solid line has to stay above the dashed one."
+)
+
+PLAN_CAPTION = (
+    "Seen from above. The zero-moment point has to stay inside the soles that stand, or between them, or they tip. "
+    "Dotted: what both soles span at the start."
+)
+
+BALANCE_CAPTION = (
+    "The ZMP steers the CoM, and has to stay over the soles on the ground. In a walk both are counted from the way of "
+    "the robot's base, smoothed."
 )
 
 CAPTIONS = (
@@ -40,13 +52,25 @@ CAPTIONS = (
         distances.obstacle_plot,
         "Distance between the obstacle and the closest body; below zero they overlap.",
     ),
+    ("Feet apart", distances.feet_plot, "Distance between the feet, and of the legs; below zero they overlap."),
     (
         "Limits",
         distances.limits_plot,
-        "Room to the nearest joint limit, and between each hand and the end of its reach.",
+        "Room to the nearest joint limit, and the distance of each shoulder and hand; the red line is its bound.",
     ),
     ("Hands", plots.hand_plot, "Where the hands were and where they were asked to be; the last row is the distance."),
-    ("Balance", plots.balance_plot, "The zero-moment point has to stay inside the support polygon, or the feet tip."),
+    ("Balance", balance.plan_plot, PLAN_CAPTION),
+    ("Balance over time", balance.balance_plot, BALANCE_CAPTION),
+    (
+        "Feet",
+        balance.feet_plot,
+        "Force of the ground on each foot, and how high its sole was over where it stood first; dashed: asked for.",
+    ),
+    (
+        "Velocity",
+        balance.velocity_plot,
+        "Velocity of the body in its own heading, over a left and a right step each, so that its swaying cancels.",
+    ),
     ("Centre of mass", plots.com_plot, "How far the centre of mass was from where it was asked to be."),
     ("Filter", plots.filter_plot, "How much the safety filter changed the velocity it was given, and by what means."),
     ("Torques", plots.torque_plot, "Motor torque as a share of the motor's limit."),
@@ -111,7 +135,7 @@ def verdict(result: RunResult) -> list[tuple[bool, str]]:
         out.append((False, f"was stopped: {cause}"))
     if result.series["h_self_collision"].size:
         out.append(_clearance(result))
-    out += _other_barriers(result) + _promise(result)
+    out += _other_barriers(result) + _promise(result) + _feet(result)
     counts = np.bincount(result.series["filter_status"].astype(int), minlength=len(FILTER_STATUSES))
     if counts[2]:
         first = result.summary.get("first_relaxed")
@@ -172,6 +196,19 @@ def _promise(result: RunResult) -> list[tuple[bool, str]]:
     return out
 
 
+def _feet(result: RunResult) -> list[tuple[bool, str]]:
+    """How far the robot walked; or where the plan lifted one foot only, whether the ZMP stayed under the other."""
+    way, steps = result.summary.get("distance_m"), result.summary.get("steps")
+    if way is not None and steps:
+        return [(True, f"walked {way:.2f} m in {steps} step{'s' if steps != 1 else ''}")]
+    share = result.summary.get("zmp_inside_single_fraction")
+    if share is None or walks(result.series):
+        return []
+    if share < 1.0:
+        return [(False, f"the ZMP left the standing sole for {100.0 * (1.0 - share):.2g} % of the time on one foot")]
+    return [(True, "the ZMP stayed within the standing sole all the time on one foot")]
+
+
 def _mm(length: float) -> str:
     mm = 1e3 * length
     return f"{mm:.0f} mm" if mm >= 10 else f"{mm:.1f} mm" if mm >= 0.1 else f"{mm:.2g} mm"
@@ -224,9 +261,10 @@ def _video(video: Path | None, report: Path) -> str:
 def _frame_section(results: Sequence[RunResult], frames: Sequence[Frames]) -> str:
     if not any(frames):
         return ""
+    prints = " Grey plates on the floor: where the soles have stood." if any(swings(r.series) for r in results) else ""
     body = (
         '<p class="soft">Blue: far from every body it must not touch; green, yellow, orange: ever closer; '
-        "red: overlapping. Small green balls: where the hands should be.</p>"
+        f"red: overlapping. Small green balls: where the hands should be.{prints}</p>"
     )
     for result, pictures in zip(results, frames, strict=True):
         figures = "".join(

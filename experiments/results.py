@@ -40,7 +40,12 @@ class RunResult:
     ``left_hand_ref``, ``right_hand``, ``right_hand_ref`` (T, 3) [m], absent without a hand task; ``zmp`` (T, 2)
     [m], NaN without contact; ``foot_wrench`` (T, 2, 6), measured force and moment about the sole's centre in its axes
     [N, N m]; ``v_des`` and ``v_safe`` (T, nv); ``filter_status`` (T,), index into ``FILTER_STATUSES``;
-    ``filter_slack`` (T,) [m/s]; ``tick_ms`` (T,) [ms]. Once: ``support_polygon`` (K, 2), convex, in the world [m].
+    ``filter_slack`` (T,) [m/s]; ``tick_ms`` (T,) [ms]; ``soles`` and ``soles_ref`` (T, 2, 3), centres of the soles
+    and where they are asked to be [m]; ``sole_corners`` (T, 2, 4, 2) in the ground plane [m]; ``in_contact`` (T, 2), 1
+    where the plan has the foot on the ground, else 0; ``load_scale`` (T,), factor on the masses of the controller's
+    model; ``dcm_ref`` and ``zmp_ref`` (T, 2) [m], only where a gait gives them; ``command`` (T, 3), velocity that a
+    walk is asked for [m/s, m/s, rad/s]. Once: ``support_polygon`` (K, 2), convex, in the world, of the soles at the
+    start [m].
 
     ``obstacle`` (T, 4), true centre and radius of a sphere [m], only where there is one.
 

@@ -66,6 +66,8 @@ class Kinematics:
         com: shape (3,) centre of mass in the world [m], of the bodies that may move.
         com_velocity: shape (3,) its velocity [m/s].
         com_jacobian: shape (3, nv).
+        com_drift: shape (3,) what the CoM accelerates by without joint accelerations [m/s^2], after
+            :meth:`update_drift`.
     """
 
     def __init__(
@@ -123,6 +125,8 @@ class Kinematics:
         self._frame_ids: dict[str, int] = {f.name: i for i, f in enumerate(self.model.frames)}
         self._placements = self._frame_placement_views()
         self.support = self._support_mask()
+        self.com_drift = self._borrow(self.data.acom[0])
+        self._rest = np.zeros(self.nv)
         self._jacobian_rate = self._borrow(self.data.dJ)
         self._rates = np.zeros((self.model.njoints, self.nv))
         self.joint_velocities = np.zeros((self.model.njoints, 6))
@@ -194,6 +198,19 @@ class Kinematics:
         np.multiply(self.support, self.v, out=self._rates)
         np.matmul(self._rates, self.world_jacobian.T, out=self.joint_velocities)
         np.matmul(self._rates, self._jacobian_rate.T, out=self.joint_accelerations)
+
+    def update_drift(self) -> None:
+        """Compute ``com_drift`` and what :meth:`frame_drift` gives at the state of the last :meth:`update`."""
+        pin.forwardKinematics(self.model, self.data, self.q, self.v, self._rest)
+        pin.centerOfMass(self.model, self.data, pin.KinematicLevel.ACCELERATION, False)
+
+    def frame_drift(self, frame_id: int) -> Array:
+        r"""What a frame accelerates by without joint accelerations, :math:`\dot J v` (6,): origin, then angular.
+
+        World axes [m/s^2, rad/s^2]; after :meth:`update_drift`.
+        """
+        axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        return pin.getFrameClassicalAcceleration(self.model, self.data, frame_id, axes).vector
 
     def joint_array(self, attribute: str) -> Array:
         """One number per joint that may move, shape (nj,): ``attribute`` is a field of ``Joint``."""

@@ -34,6 +34,8 @@ GEOM_TYPES = {
     "capsule": mujoco.mjtGeom.mjGEOM_CAPSULE.value,
     "box": mujoco.mjtGeom.mjGEOM_BOX.value,
 }
+TILE = 0.25
+"""Edge of the floor's tiles [m]; one corner of them lies in the world's origin."""
 SHORTEST_BONE = 0.02
 """Joint offsets shorter than this [m] get no bone: it would be hidden in its neighbours."""
 
@@ -323,16 +325,16 @@ def _add_floor_and_sky(spec: mujoco.MjSpec) -> None:
     sky.builtin = mujoco.mjtBuiltin.mjBUILTIN_GRADIENT
     sky.rgb1, sky.rgb2 = [0.80, 0.86, 0.93], [0.97, 0.98, 0.99]
     sky.width, sky.height = 64, 64
-    grid = spec.add_texture()
-    grid.name, grid.type = "grid", mujoco.mjtTexture.mjTEXTURE_2D
-    grid.builtin, grid.mark = mujoco.mjtBuiltin.mjBUILTIN_FLAT, mujoco.mjtMark.mjMARK_EDGE
-    grid.rgb1, grid.rgb2 = [0.93, 0.94, 0.96], [0.93, 0.94, 0.96]
-    grid.markrgb = [0.78, 0.81, 0.86]
-    grid.width, grid.height = 256, 256
+    tiles = spec.add_texture()
+    tiles.name, tiles.type = "tiles", mujoco.mjtTexture.mjTEXTURE_2D
+    tiles.builtin, tiles.mark = mujoco.mjtBuiltin.mjBUILTIN_CHECKER, mujoco.mjtMark.mjMARK_EDGE
+    tiles.rgb1, tiles.rgb2, tiles.markrgb = [0.95, 0.96, 0.98], [0.84, 0.865, 0.90], [0.70, 0.74, 0.80]
+    tiles.width, tiles.height = 512, 512
     floor = spec.add_material()
     floor.name = "floor"
-    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "grid"
-    floor.texrepeat, floor.texuniform = [4.0, 4.0], True
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    # two tiles each way in the texture, which is counted in half metres: sizes of geoms are halves
+    floor.texrepeat, floor.texuniform = [1.0 / TILE, 1.0 / TILE], True
     floor.specular, floor.shininess = 0.0, 0.0
     for geom in spec.geoms:
         if geom.name == "floor":

@@ -12,6 +12,7 @@ from robots.messages import Array, Mask
 from wbc.contact import SoleContact, wrench_cone
 from wbc.kernels import eliminate_base, torque_cost
 from wbc.qp import UNBOUNDED, QpSolution, QpStatus, make_solver
+from wbc.wrench import GRAVITY
 
 SLACK_PULL = 1e-6
 """Weight of the usual cost while the least violation of the conditions is sought: it makes the answer unique."""
@@ -135,6 +136,7 @@ class DynWbc:
         self.nj = kin.nv - 6
         self.nf = 6 * len(self.frame_ids)
         self.nx = self.nj + self.nf
+        self._weight = kin.robot.total_mass * GRAVITY
         self.effort = kin.robot.joint_array("effort")
         self._hard = 16 * len(contacts) + self.nj
         m = self._hard + condition_count
@@ -187,6 +189,7 @@ class DynWbc:
         conditions: tuple[Array, Array] | None = None,
         joint_bounds: tuple[Array, Array] | None = None,
         load_scale: float = 1.0,
+        load_limits: Array | None = None,
     ) -> DynWbcProblem:
         """Assemble the reduced QP.
 
@@ -200,6 +203,8 @@ class DynWbc:
             joint_bounds: lower and upper bound of the joints' accelerations, (nj,) each [rad/s^2]; given up where
                 contacts and torques cannot keep them.
             load_scale: factor on the model's masses and inertias, for a robot found to be heavier or lighter.
+            load_limits: shape (n,) bound on each foot's normal force, as share of the robot's weight, 0 or above; 1 and
+                above is no bound. What loads and unloads a foot smoothly.
 
         Returns:
             The problem and the maps back to base acceleration and torques.
@@ -234,6 +239,10 @@ class DynWbc:
         if w.contact > 0:
             self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
         lower, upper = self._bounds(in_contact, torque_map[1])
+        if load_limits is not None:
+            for i in np.flatnonzero(load_limits < 1.0):
+                normal = self.nj + 6 * i + 2
+                upper[normal] = min(upper[normal], load_limits[i] * load_scale * self._weight)
         if joint_bounds is not None:
             lower[:nj], upper[:nj] = joint_bounds
         self._rows[self._hard - nj : self._hard] = torque_map[0]

@@ -43,9 +43,17 @@ class TaskGains:
 
 
 class Task(ABC):
-    """One task: ``rows`` rows; references are plain attributes, set before each tick."""
+    r"""One task: ``rows`` rows; references are plain attributes, set before each tick.
+
+    Attributes:
+        rows: of the Jacobian.
+        without_drift: take :math:`\dot J v / a` off the command, for eq. (15) of Lee et al. to give the acceleration
+            that was asked for: at the level of velocities it does not know that term. The kinematics' drift must then
+            be up to date.
+    """
 
     rows: int
+    without_drift = False
 
     def __init__(self, gains: TaskGains) -> None:
         """Keep the gains."""
@@ -71,7 +79,8 @@ class CenterOfMassTask(Task):
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`."""
         command = self.velocity + self.gains.correction(self.position - kin.com)
-        return kin.com_jacobian, command + self.acceleration / self.gains.acceleration_gain
+        acceleration = self.acceleration - kin.com_drift if self.without_drift else self.acceleration
+        return kin.com_jacobian, command + acceleration / self.gains.acceleration_gain
 
 
 class FramePositionTask(Task):
@@ -135,7 +144,10 @@ class FramePoseTask(Task):
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`."""
         rotation, position = kin.frame_placement(self.frame_id)
-        command = self.velocity + self.acceleration / self.gains.acceleration_gain
+        acceleration = self.acceleration
+        if self.without_drift:
+            acceleration = acceleration - kin.frame_drift(self.frame_id)
+        command = self.velocity + acceleration / self.gains.acceleration_gain
         command[:3] += self.gains.correction(self.position - position)
         command[3:] += self.angular_gains.correction(rotation_log(self.rotation @ rotation.T))
         return kin.frame_jacobian(self.frame_id), command

@@ -58,13 +58,14 @@ def _clamp(value: float, bound: float) -> float:
     return max(-bound, min(value, bound)) if bound > 0 else 0.0
 
 
-def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask) -> Array:
+def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask, load_limits: Array | None = None) -> Array:
     """Share of the vertical force on each of two feet: the ZMP's place on the line between their centres.
 
     Args:
         zmp: shape (2,) [m].
         centres: shape (2, 2) horizontal centres of left and right sole [m].
         in_contact: shape (2,) whether each foot is on the ground.
+        load_limits: shape (2,) largest share on each, 0 to 1, 1 together at least; heeded where both are on the ground.
 
     Returns:
         Shape (2,), 0 or above, summing to 1 with a foot on the ground, else zeros.
@@ -73,7 +74,8 @@ def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask) -> Array:
         return in_contact.astype(float)
     line = centres[0] - centres[1]
     length = float(line @ line)
-    left = 0.5 if length < 1e-9 else max(0.0, min(float((zmp - centres[1]) @ line) / length, 1.0))
+    least, most = (0.0, 1.0) if load_limits is None else (1.0 - float(load_limits[1]), float(load_limits[0]))
+    left = 0.5 if length < 1e-9 else max(least, min(float((zmp - centres[1]) @ line) / length, most))
     return np.array([left, 1.0 - left])
 
 

@@ -219,18 +219,21 @@ def test_the_cut_off_of_singular_values_is_the_configured_one(robot: RobotDescri
 
 
 @pytest.mark.parametrize("in_contact", [(True, True), (True, False), (False, True)])
-def test_the_filter_is_told_of_the_feet_on_the_ground_only(
-    robot: RobotDescription, in_contact: tuple[bool, bool], monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("swing_weight", [0.0, 250.0])
+def test_the_filter_is_told_of_feet_on_the_ground_and_how_one_in_the_air_is_turned(
+    robot: RobotDescription, in_contact: tuple[bool, bool], swing_weight: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    case = Case(robot)
+    """Its position counts by the share that ``swing_weight`` is of ``foot_weight``."""
+    case = Case(robot, safety=FilterTuning(foot_weight=1000.0, swing_weight=swing_weight))
     case.reference.in_contact = np.array(in_contact)
     spy = spy_on_filter(case, monkeypatch)
     case.tick()
-    roles = [role for role, touching in zip(("left_sole", "right_sole"), in_contact, strict=True) if touching]
-    feet = np.concatenate([case.kin.frame_jacobian(case.frame(role)) for role in roles])
-    assert spy.seen["feet"].shape == feet.shape
+    metric = np.zeros((case.kin.nv, case.kin.nv))
+    for role, touching in zip(("left_sole", "right_sole"), in_contact, strict=True):
+        linear, angular = np.split(case.kin.frame_jacobian(case.frame(role)), 2)
+        metric += angular.T @ angular + (1.0 if touching else swing_weight / 1000.0) * linear.T @ linear
     # whatever the axes and the order of the rows
-    np.testing.assert_allclose(spy.seen["feet"].T @ spy.seen["feet"], feet.T @ feet, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(spy.seen["feet"].T @ spy.seen["feet"], metric, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("with_hands", [True, False])

@@ -13,10 +13,14 @@ from experiments.metrics import (
     CONFLICT_MARGIN,
     PACKAGES,
     convex_polygon,
+    depth_in_hull,
+    foot_slide,
     guarantee_figures,
-    inside_polygon,
     summarise,
+    torque_step_max,
     versions,
+    zmp_inside,
+    zmp_inside_single,
 )
 from experiments.results import RunResult, filter_title
 from robots.loader import load_robot
@@ -25,6 +29,8 @@ from safety.conditions import FamilyParameters
 from safety.filters import FILTERS
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
+SOLES = np.array([[[0.0, y], [2.0, y], [2.0, y + 0.4], [0.0, y + 0.4]] for y in (0.6, 0.0)])
+"""Corners of the left and the right sole: their hull is the square."""
 
 
 def distance_to_segment(p: Array, a: Array, b: Array) -> float:
@@ -41,27 +47,84 @@ def crossings_inside(p: Array, polygon: Array) -> bool:
     return inside
 
 
-@given(seed=st.integers(0, 10**6), n=st.integers(3, 12))
-def test_inside_agrees_with_the_crossing_test(seed: int, n: int) -> None:
+def depth_by_definition(p: Array, polygon: Array) -> float:
+    """Distance to the nearest line through an edge of an anticlockwise convex polygon, negative right of one."""
+    depths = []
+    for a, b in zip(polygon, np.roll(polygon, -1, axis=0), strict=True):
+        normal = np.array([a[1] - b[1], b[0] - a[0]]) / np.linalg.norm(b - a)
+        depths.append(normal @ (p - a))
+    return min(depths)
+
+
+@given(seed=st.integers(0, 10**6), k=st.integers(3, 9))
+def test_the_depth_is_that_of_each_point_in_the_hull_of_its_own_corners(seed: int, k: int) -> None:
     rng = np.random.default_rng(seed)
-    polygon = convex_polygon(rng.uniform(-1, 1, (n, 2)))
-    points = rng.uniform(-1.2, 1.2, (50, 2))
-    answers = inside_polygon(points, polygon)
-    for p, answer in zip(points, answers, strict=True):
-        edges = zip(polygon, np.roll(polygon, -1, axis=0), strict=True)
-        # the function is generous by a tenth of a millimetre; corners that are sharp make that more
-        if min(distance_to_segment(p, a, b) for a, b in edges) > 1e-2:
-            assert answer == crossings_inside(p, polygon)
+    corners, points = rng.uniform(-1, 1, (20, k, 2)), rng.uniform(-1.2, 1.2, (20, 2))
+    depths = depth_in_hull(points, corners)
+    for p, own, depth in zip(points, corners, depths, strict=True):
+        polygon = convex_polygon(own)
+        assert depth == pytest.approx(depth_by_definition(p, polygon), abs=1e-8)
+        edges = list(zip(polygon, np.roll(polygon, -1, axis=0), strict=True))
+        assert (depth > 0) == crossings_inside(p, polygon)
+        if depth > 0:
+            # inside, the nearest line is nearest at a point of its edge
+            assert depth == pytest.approx(min(distance_to_segment(p, a, b) for a, b in edges), abs=1e-8)
+
+
+@given(seed=st.integers(0, 10**6), angle=st.floats(-3.2, 3.2), x=st.floats(-20, 20))
+def test_the_depth_does_not_change_with_order_and_place(seed: int, angle: float, x: float) -> None:
+    rng = np.random.default_rng(seed)
+    corners, points = rng.uniform(-1, 1, (10, 8, 2)), rng.uniform(-1.2, 1.2, (10, 2))
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    moved = depth_in_hull(points @ turn.T + [x, -x], rng.permutation(corners, axis=1) @ turn.T + [x, -x])
+    np.testing.assert_allclose(moved, depth_in_hull(points, corners), rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12, 1e-9, 2e-9, 1e-7, 1e-5])
+def test_corners_that_coincide_or_lie_on_an_edge_make_no_difference(gap: float) -> None:
+    """Soles side by side share corners and edges, but for rounding."""
+    more = np.array([[0.0, gap], [gap, 0.5 * gap], [0.2, 0.1 - gap], [0.1, 0.0], [0.1 + gap, 0.1], [0.07, 0.04]])
+    corners = np.concatenate([more, 0.1 * SQUARE])
+    points = np.array([[0.05, 0.03], [0.01, 0.09], [0.1, 0.12], [-0.03, 0.05], [0.19, 0.05]])
+    depths = depth_in_hull(points, np.tile(corners, (5, 1, 1)))
+    np.testing.assert_allclose(depths, [0.03, 0.01, -0.02, -0.03, 0.01], rtol=0, atol=1e-8)
+
+
+def test_the_depth_of_what_is_no_number_is_none() -> None:
+    points = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, 0.5], [1.0, 0.5]])
+    np.testing.assert_array_equal(depth_in_hull(points, np.tile(SQUARE, (4, 1, 1))), [np.nan] * 3 + [0.5])
+
+
+def test_nothing_lies_in_a_hull_without_area_but_its_line() -> None:
+    line = np.tile(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), (3, 1, 1))
+    depths = depth_in_hull(np.array([[1.0, 0.2], [1.0, -0.3], [1.0, 0.0]]), line)
+    np.testing.assert_allclose(depths, [-0.2, -0.3, 0.0], rtol=0, atol=1e-12)
 
 
 def test_the_edge_and_a_tenth_of_a_millimetre_beyond_count_as_inside() -> None:
-    points = np.array([[0, 0], [2, 0.5], [2.00009, 0.5], [1, 1.00009], [2.00011, 0.5], [1, -0.00011]])
-    assert inside_polygon(points, SQUARE).tolist() == [True, True, True, True, False, False]
+    zmp = np.array([[0, 0], [2, 0.5], [2.00009, 0.5], [1, 1.00009], [2.00011, 0.5], [1, -0.00011]] + [[1, 0.5]] * 14)
+    assert zmp_inside(recorded(step_zmp=zmp))[:6].tolist() == [True, True, True, True, False, False]
 
 
-def test_nan_is_outside() -> None:
-    points = np.array([[np.nan, np.nan], [1.0, np.nan], [np.nan, 0.5], [1.0, 0.5]])
-    assert inside_polygon(points, SQUARE).tolist() == [False, False, False, True]
+def test_the_zmp_is_inside_the_feet_that_the_plan_has_down() -> None:
+    """Left sole y 0.6 to 1, right sole y 0 to 0.4, and what lies between; on one foot the other is no support."""
+    contact = np.array([[1, 1], [1, 0], [0, 1], [0, 0], *[[1, 1]] * 6])
+    y = np.repeat([0.5, 0.5, 0.5, 0.5, 0.9, 0.1, 0.5, 0.5, 0.5, 1.1], 2)
+    y[2], y[3], y[4], y[5] = 0.61, 0.59, 0.39, 0.41
+    series = recorded(in_contact=contact, step_zmp=np.column_stack([np.ones(20), y]))
+    expected = [True, True, True, False, True, False, False, False, *[True] * 10, False, False]
+    assert zmp_inside(series).tolist() == expected
+    assert zmp_inside_single(series) == 0.5
+    assert summarise(series, LoopOutcome(None, 5.0))["zmp_inside_fraction"] == 14 / 20
+
+
+def test_soles_are_where_they_are_at_the_tick() -> None:
+    corners = np.tile(SOLES, (10, 1, 1, 1))
+    corners[5:] += [10.0, -3.0]
+    zmp = np.tile([1.0, 0.5], (20, 1))
+    assert zmp_inside(recorded(sole_corners=corners, step_zmp=zmp)).tolist() == [True] * 10 + [False] * 10
+    zmp[10:] += [10.0, -3.0]
+    assert zmp_inside(recorded(sole_corners=corners, step_zmp=zmp)).all()
 
 
 @given(seed=st.integers(0, 10**6))
@@ -71,7 +134,7 @@ def test_the_hull_is_convex_anticlockwise_and_holds_every_point(seed: int) -> No
     edge = np.roll(hull, -1, axis=0) - hull
     following = np.roll(edge, -1, axis=0)
     assert (edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0] > 0).all()
-    assert inside_polygon(points, hull).all()
+    assert (depth_in_hull(points, np.tile(hull, (8, 1, 1))) > -1e-9).all()
     assert all((points == corner).all(axis=1).any() for corner in hull)
 
 
@@ -96,7 +159,10 @@ def recorded(**changes: Any) -> dict[str, Array]:
         "h_workspace": np.full((steps, 2), 0.3),
         "h_obstacle": np.full(steps, np.inf),
         "step_zmp": np.tile([1.0, 0.5], (steps, 1)),
-        "support_polygon": SQUARE,
+        "sole_corners": np.tile(SOLES, (ticks, 1, 1, 1)),
+        "in_contact": np.ones((ticks, 2)),
+        "foot_wrench": np.tile([0.0, 0.0, 50.0, 0.0, 0.0, 0.0], (ticks, 2, 1)),
+        "torque": np.full((ticks, 4), -3.0),
         "torque_fraction": np.full((steps, 4), 0.25),
     }
     return series | changes
@@ -122,7 +188,8 @@ def test_a_run_in_which_nothing_happens() -> None:
     smallest = (out["min_h_self_collision_m"], out["min_h_joint_limit_rad"], out["min_h_workspace_m"])
     assert smallest == (0.1, 0.2, 0.3)
     assert (out["com_rmse_m"], out["foot_slide_max_m"], out["zmp_inside_fraction"]) == (0.0, 0.0, 1.0)
-    assert (out["max_torque_fraction"], out["qp_failures"], out["filtered_fraction"]) == (0.25, 0, 0.0)
+    assert (out["max_torque_fraction"], out["torque_step_max"]) == (0.25, 0.0)
+    assert (out["qp_failures"], out["filtered_fraction"]) == (0, 0.0)
     assert (out["hand_rmse_m"], out["collision_ratio"]) == (None, None)
 
 
@@ -160,10 +227,61 @@ def test_foot_slide_is_horizontal_and_from_the_first_place() -> None:
     assert summed(soles=soles)["foot_slide_max_m"] == pytest.approx(0.005)
 
 
+def forces(left: list[float], right: list[float]) -> Array:
+    wrench = np.zeros((10, 2, 6))
+    wrench[:, 0, 2], wrench[:, 1, 2] = left, right
+    return wrench
+
+
+def test_a_step_is_no_slide() -> None:
+    """The foot slides 3 mm before the step and 4 mm after it; the metre between is the step, from lift-off on."""
+    soles = np.zeros((10, 2, 3))
+    soles[1:, 0, 0], soles[3:, 0, 0], soles[8:, 0, 0] = 0.003, 1.0, 1.004
+    contact = np.ones((10, 2))
+    contact[2:5, 0] = 0
+    loads = forces([50, 50, 30, 0, 0, 50, 50, 50, 50, 50], [50, 50, 70, 100, 100, 50, 50, 50, 50, 50])
+    slide = foot_slide(recorded(soles=soles, in_contact=contact, foot_wrench=loads))
+    np.testing.assert_allclose(slide[:, 0], [0, 0.003, *[np.nan] * 3, 0, 0, 0, 0.004, 0.004], atol=1e-12)
+    np.testing.assert_array_equal(slide[:, 1], 0.0)
+    assert summed(soles=soles, in_contact=contact, foot_wrench=loads)["foot_slide_max_m"] == pytest.approx(0.004)
+
+
+def test_a_foot_slides_only_under_load_and_from_where_it_took_it_up() -> None:
+    """Down by plan from tick 2 on, but in the air until tick 4; unloaded for a while in 6, and elsewhere after it."""
+    soles = np.zeros((10, 2, 3))
+    soles[:, 0, 1] = [0, 0, 0.1, 0.2, 0.3, 0.31, 0.9, 0.33, 0.33, 0.33]
+    contact = np.ones((10, 2))
+    contact[:2, 0] = 0
+    left = [0, 0, 0, 9.9, 10.1, 50, 9.9, 50, 50, 50]
+    loads = forces(left, [100.0 - f for f in left])
+    slide = foot_slide(recorded(soles=soles, in_contact=contact, foot_wrench=loads))
+    np.testing.assert_allclose(slide[:, 0], [*[np.nan] * 4, 0, 0.01, np.nan, 0.03, 0.03, 0.03], atol=1e-12)
+
+
+def test_a_robot_in_the_air_does_not_slide() -> None:
+    soles = np.cumsum(np.ones((10, 2, 3)), axis=0)
+    assert summed(soles=soles, foot_wrench=np.zeros((10, 2, 6)))["foot_slide_max_m"] is None
+
+
+def test_the_torque_s_step_is_between_ticks_and_a_share_of_the_limit() -> None:
+    """Limits of 20 N m and 2 N m; within a tick the torque may do what it likes."""
+    torque = np.tile([4.0, -1.0], (10, 1))
+    torque[0] = 0.0
+    torque[6:, 0], torque[3:, 1] = -6.0, -0.5
+    share = np.full((20, 2), 0.9)
+    share[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
+    assert torque_step_max(recorded(torque=torque, torque_fraction=share)) == pytest.approx(0.5)
+    torque[6:, 0] = 4.0
+    share[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
+    assert torque_step_max(recorded(torque=torque, torque_fraction=share)) == pytest.approx(0.25)
+    assert torque_step_max(recorded(torque=torque[:2], torque_fraction=share[:4])) is None
+
+
 def test_zmp_in_the_air_is_not_inside() -> None:
     zmp = np.tile([1.0, 0.5], (20, 1))
     zmp[:3], zmp[5] = np.nan, [3.0, 0.5]
     assert summed(step_zmp=zmp)["zmp_inside_fraction"] == 0.8
+    assert summed(step_zmp=zmp)["zmp_inside_single_fraction"] is None
 
 
 def test_a_tick_that_failed_twice_counts_once() -> None:

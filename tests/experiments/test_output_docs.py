@@ -10,9 +10,19 @@ import pytest
 
 from controllers.whole_body import STAGES
 from experiments.hand_tracking import run_hand_tracking
-from experiments.options import HandTrackingOptions, PlantOptions, StandOptions
+from experiments.lateral_steps import run_lateral_steps
+from experiments.options import (
+    HandTrackingOptions,
+    LateralStepsOptions,
+    PlantOptions,
+    StandOptions,
+    TaichiOptions,
+    WalkOptions,
+)
 from experiments.results import FILTER_STATUSES, RunResult, save_result
 from experiments.stand import run_stand
+from experiments.taichi import run_taichi
+from experiments.walk import run_walk
 from robots.kinematics import Kinematics
 from safety.barriers import BarrierSet, CollisionBodies, SelfCollisionBarrier
 
@@ -52,8 +62,25 @@ def stand() -> RunResult:
     return run_stand(StandOptions(duration=0.2))
 
 
-def test_every_figure_is_in_the_page_and_nothing_else(hands: RunResult) -> None:
-    assert set(rows("summary.json")) == set(hands.summary)
+@pytest.fixture(scope="module")
+def stepping() -> list[RunResult]:
+    """The runs that lift feet; the walk so long that it comes to steps."""
+    walk = run_walk(WalkOptions(duration=5.5))
+    return [run_taichi(TaichiOptions(duration=0.2)), run_lateral_steps(LateralStepsOptions(duration=0.2)), walk]
+
+
+def test_every_figure_is_in_the_page_and_nothing_else(hands: RunResult, stepping: list[RunResult]) -> None:
+    assert set(rows("summary.json")) == set(hands.summary).union(*(run.summary for run in stepping))
+
+
+def test_figures_of_single_experiments_are_said_to_be_theirs(hands: RunResult, stepping: list[RunResult]) -> None:
+    said = {
+        name: re.findall(r"`([\w-]+)`", cells[0]) for name, cells in rows("summary.json").items() if len(cells) == 3
+    }
+    assert not set(said) & set(hands.summary)
+    for run in stepping:
+        own = {name for name, experiments in said.items() if run.summary["experiment"] in experiments}
+        assert own == set(run.summary) - set(hands.summary)
 
 
 def test_figures_that_standing_lacks_are_marked_absent(hands: RunResult, stand: RunResult) -> None:
@@ -61,40 +88,76 @@ def test_figures_that_standing_lacks_are_marked_absent(hands: RunResult, stand: 
     assert said == set(hands.summary) - set(stand.summary)
 
 
-def test_figures_that_do_not_apply_are_said_to_be_null(hands: RunResult, stand: RunResult) -> None:
+def test_figures_that_do_not_apply_are_said_to_be_null(
+    hands: RunResult, stand: RunResult, stepping: list[RunResult]
+) -> None:
     page = rows("summary.json")
-    for summary in (hands.summary, stand.summary):
-        for name, value in summary.items():
+    for run in (hands, stand, *stepping):
+        for name, value in run.summary.items():
             if value is None:
                 assert "`null`" in page[name][-1], name
 
 
-def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(hands: RunResult) -> None:
-    page, robot = rows("series.npz"), hands.robot
-    assert set(page) == set(hands.series)
-    nj = len(robot.joints)
-    sizes = {
-        "T": 150,
-        "P": 300,
-        "nj": nj,
-        "nq": 7 + nj,
-        "nv": 6 + nj,
-        "pairs": len(robot.self_collision_pairs),
-        "bounds": len(robot.workspace),
-        "K": len(hands.series["support_polygon"]),
-    }
-    for name, values in hands.series.items():
-        shape = tuple(sizes.get(n) or int(n) for n in re.findall(r"\w+", page[name][0]))
-        assert values.shape == shape, name
+def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
+    hands: RunResult, stepping: list[RunResult]
+) -> None:
+    page = rows("series.npz")
+    assert set(page) == set(hands.series).union(*(run.series for run in stepping))
+    for run in (hands, *stepping):
+        nj = len(run.robot.joints)
+        sizes = {
+            "T": round(500 * run.summary["duration_s"]),
+            "P": round(1000 * run.summary["duration_s"]),
+            "nj": nj,
+            "nq": 7 + nj,
+            "nv": 6 + nj,
+            "pairs": len(run.robot.self_collision_pairs),
+            "bounds": len(run.robot.workspace),
+            "K": len(run.series["support_polygon"]),
+        }
+        for name, values in run.series.items():
+            shape = tuple(sizes.get(n) or int(n) for n in re.findall(r"\w+", page[name][0]))
+            assert values.shape == shape, name
 
 
-def test_arrays_that_standing_lacks_are_marked(hands: RunResult, stand: RunResult) -> None:
+def test_arrays_that_only_some_runs_have_are_marked(
+    hands: RunResult, stand: RunResult, stepping: list[RunResult]
+) -> None:
     page = rows("series.npz")
     assert set(stand.series) < set(hands.series)
     for name in set(hands.series) - set(stand.series):
         conditions = ("only with a hand task", "only with `--obstacle`")
         # three arrays of the hands are covered by the sentence at the first
         assert any(c in page[name][-1] for c in conditions) or name in {"left_hand_ref", "right_hand", "right_hand_ref"}
+    for run in stepping:
+        own = {name for name, c in page.items() if re.search(f"only in .*`{run.summary['experiment']}`", c[-1])}
+        assert own == set(run.series) - set(hands.series)
+
+
+def test_corners_are_in_the_order_that_the_page_tells_and_about_the_soles(stepping: list[RunResult]) -> None:
+    for run in stepping:
+        corners = run.series["sole_corners"]
+        np.testing.assert_allclose(corners.mean(axis=2), run.series["soles"][:, :, :2], rtol=0, atol=1e-12)
+        front_left, rear_left, rear_right, _ = np.moveaxis(corners[0], 1, 0)
+        for foot, sole in enumerate(run.robot.soles):
+            # the robot faces x; its soles may be turned a little
+            np.testing.assert_allclose(front_left - rear_left, [[2 * sole.half_length, 0]] * 2, atol=0.01)
+            assert np.linalg.norm((rear_left - rear_right)[foot]) == pytest.approx(2 * sole.half_width, rel=1e-3)
+            assert rear_left[foot, 1] > rear_right[foot, 1]
+
+
+def test_the_summary_s_steps_are_the_plan_s(stepping: list[RunResult]) -> None:
+    walk = stepping[-1]
+    contact = walk.series["in_contact"]
+    assert set(np.unique(contact)) == {0.0, 1.0}
+    # every flight of a foot that has ended
+    flights = np.diff(contact, axis=0, append=contact[-1:])
+    assert walk.summary["steps"] == (flights == 1).sum() >= 2
+    # the foot in the air bears nothing half-way
+    for foot in (0, 1):
+        lifts, lands = np.flatnonzero(flights[:, foot] == -1), np.flatnonzero(flights[:, foot] == 1)
+        for lift, land in zip(lifts, lands, strict=False):
+            assert walk.series["foot_wrench"][(lift + land) // 2, foot, 2] == 0.0
 
 
 def test_codes_and_stages_are_in_the_page_in_their_order() -> None:

@@ -15,7 +15,16 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from sims import rendering
-from sims.rendering import Camera, Image, RenderingError, RobotRenderer, rendering_problem, video_problem, write_video
+from sims.rendering import (
+    TILE,
+    Camera,
+    Image,
+    RenderingError,
+    RobotRenderer,
+    rendering_problem,
+    video_problem,
+    write_video,
+)
 
 ROOT = Path(__file__).resolve().parents[2]
 WIDTH, HEIGHT = 320, 240
@@ -64,7 +73,7 @@ def pixel(point: Array, camera: Camera, robot_height: float) -> tuple[int, int]:
     right = np.array([np.sin(azimuth), -np.cos(azimuth), 0.0])
     up = np.cross(right, forward)
     assert camera.look_at is not None
-    centre = np.array([*camera.look_at, 0.47 * robot_height])
+    centre = np.array([*camera.look_at, camera.height * robot_height])
     ray = point - (centre - camera.distance * robot_height * forward)
     focal = 0.5 * HEIGHT / np.tan(0.5 * FIELD_OF_VIEW)
     column = 0.5 * WIDTH + focal * (ray @ right) / (ray @ forward)
@@ -149,6 +158,24 @@ def test_the_default_view_follows_the_base(renderer: RobotRenderer) -> None:
     fixed = Camera(look_at=(0.0, 0.0))
     assert is_red(renderer.image(q, colours, fixed)).any()
     assert (is_red(renderer.image(far, colours, fixed)) != here).sum() > 0.5 * here.sum()
+
+
+@pytest.mark.rendering
+@pytest.mark.parametrize("look_at", [(0.0, 0.0), (0.13, -0.07), (3.26, 7.9), (-41.4, 12.3)])
+def test_the_floor_s_tiles_stay_where_they_are(renderer: RobotRenderer, look_at: tuple[float, float]) -> None:
+    """Dark and light by turns, a quarter of a metre wide, with a corner in the origin, wherever the camera goes."""
+    away = standing_configuration(renderer.robot)
+    away[2] = -3.0  # out of the way
+    camera = Camera(azimuth=70.0, elevation=-60.0, distance=1.2, look_at=look_at, height=0.0)
+    brightness = renderer.image(away, camera=camera).astype(float).mean(axis=2)
+    corner = np.floor(np.array(look_at) / TILE)
+    tiles = [corner + np.array([i, j]) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+    places = [np.array([*(TILE * (tile + 0.5)), 0.0]) for tile in tiles]
+    seen = np.array([brightness[pixel(p, camera, standing_height(renderer.robot))] for p in places])
+    even = np.array([tile.sum() % 2 == 0 for tile in tiles])
+    dark, light = seen[even], seen[~even]
+    assert light.min() - dark.max() > 15
+    assert max(np.ptp(dark), np.ptp(light)) < 5
 
 
 @pytest.mark.rendering

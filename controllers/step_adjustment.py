@@ -1,0 +1,85 @@
+"""Where and when a foot has to come down, for a robot that was pushed."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from controllers.footsteps import Foothold, StepLimits
+from robots.messages import Array
+
+GRID = np.linspace(1.0, 0.0, 9)
+"""Times to landing that are tried, from the present one to the shortest."""
+
+RELUCTANCE = 0.25
+"""What a step that is shorter by a second costs, as metres of footholds out of reach [m/s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepAdjustment:
+    r"""Moves a foothold, and its time, with the part of the DCM's error that the ZMP cannot take back within the sole.
+
+    On one foot at :math:`r` the DCM goes, under a ZMP at :math:`r + \delta`, to
+
+    .. math:: \xi(T) = r + (\xi - r) e^{\omega T} - \delta (e^{\omega T} - 1)
+
+    in the time T until the other foot lands. If the landing and all footholds after it move by :math:`\Delta`, the DCM
+    that the plan wants there moves by :math:`f \Delta`, :math:`f = (1 - e^{-\omega T_{ds}}) / (\omega T_{ds})`: the ZMP
+    goes over from the old foot in the time :math:`T_{ds}`. The smallest :math:`|\Delta|` over the sole is taken, axis
+    by axis of the standing foot. Where that is out of reach, earlier landings are tried.
+
+    Attributes:
+        limits: of footholds.
+        omega: of the pendulum [1/s].
+        room: shape (2,) how far the ZMP may go from the sole's centre, forward and sideways [m].
+        double_support: T_ds [s].
+    """
+
+    limits: StepLimits
+    omega: float
+    room: Array
+    double_support: float
+
+    def shift(self, dcm: Array, stance: Foothold, wanted: Array, left: float) -> Array:
+        """Smallest shift (2,) of the foothold, in the standing foot's axes [m].
+
+        Args:
+            dcm: shape (2,) measured [m].
+            stance: standing foot.
+            wanted: shape (2,) DCM that the plan has at the landing, with the foothold where it was planned [m].
+            left: T, time until the landing [s].
+        """
+        growth = math.exp(self.omega * left)
+        error = (stance.point + growth * (dcm - stance.point) - wanted) @ stance.axes
+        turn = self.omega * self.double_support
+        share = (1.0 - math.exp(-turn)) / turn
+        out: Array = np.sign(error) * np.maximum(np.abs(error) - self.room * (growth - 1.0), 0.0) / share
+        return out
+
+    def adjust(
+        self, dcm: Array, stance: Foothold, swing: int, planned: Foothold, wanted: Array, left: float, shortest: float
+    ) -> tuple[Foothold, float]:
+        """Foothold and time until the landing [s]: those planned, where the ZMP can do it.
+
+        Args:
+            dcm: shape (2,) measured [m].
+            stance: standing foot.
+            swing: the other foot.
+            planned: its foothold in the plan.
+            wanted: shape (2,) DCM that the plan has at the landing [m].
+            left: planned time until then [s].
+            shortest: time that the foot needs at least [s].
+        """
+        best, best_cost, best_left = planned, math.inf, left
+        for share in GRID:
+            time = shortest + share * (left - shortest)
+            dx, dy = stance.axes @ self.shift(dcm, stance, wanted, time)
+            ideal = Foothold(planned.x + dx, planned.y + dy, planned.yaw)
+            near = self.limits.clamp(stance, ideal, swing)
+            missing = math.hypot(ideal.x - near.x, ideal.y - near.y)
+            cost = missing + RELUCTANCE * (left - time)
+            if cost < best_cost:
+                best, best_cost, best_left = near, cost, time
+            if missing < 1e-9 or left <= shortest:
+                break
+        return best, best_left

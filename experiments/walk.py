@@ -1,0 +1,206 @@
+"""Walking on command: at a velocity of the body, or by a script, with pushes, with a sphere beside the way."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from controllers.command_script import CommandedWalk, CommandProfile, between, read_script, require_reachable
+from controllers.footsteps import VelocityCommand
+from controllers.motions import CarriedHands, Motion
+from controllers.reference import WholeBodyReference
+from controllers.walking import Walking
+from controllers.walking_config import walk_tuning, walking_changes
+from experiments.encounter import BESIDE, Beside, SensorSettings, sphere_beside
+from experiments.locomotion_figures import walk_figures
+from experiments.options import WalkOptions
+from experiments.results import RunResult
+from experiments.scenario import MakeEncounter, Scenario, parse_push
+from experiments.session import check_options, run
+from robots.checks import require_one_of
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
+from robots.messages import Array, RobotState
+from robots.pinocchio_model import standing_configuration
+from wbc.wrench import GRAVITY
+
+FIRST, LAST = 1.0, 3.0
+"""The robot stands for this long at the beginning, and is told to stop this long before the end [s]."""
+
+MEETING_STEPS = 4
+"""Steps after the first left support until the left hand meets an obstacle: even, so that it is on the left again."""
+
+PASSED = 2.0
+"""How long the robot walks on after it has met an obstacle, at least [s]."""
+
+
+def run_walk(options: WalkOptions, progress: Callable[[float], None] | None = None) -> RunResult:
+    """Walk; see :func:`experiments.session.run`.
+
+    The robot stands for the first ``FIRST`` seconds, and the command is stop in the ``LAST`` ones. The result has the
+    series ``command`` (T, 3) besides: forward [m/s], left [m/s], turning [rad/s].
+
+    Raises:
+        SafeWbcError: an option is not allowed; nothing has run then.
+    """
+    robot = check_walk(options)
+    if options.script is not None:
+        options = dataclasses.replace(options, script=options.script.resolve())
+    command = command_profile(options, robot)
+    scenario = dataclasses.replace(
+        walk_scenario(robot, command, options.load_estimate, options.hands),
+        encounter=_encounter(options, robot),
+        pushes=[parse_push(text) for text in options.push],
+    )
+    return with_commands(run(scenario, options, progress), command)
+
+
+def walk_scenario(
+    robot: RobotDescription, command: CommandProfile, load_estimate: bool = True, hands: bool = False
+) -> Scenario:
+    """The scenario of a walk at the commands of ``command``, without obstacle and pushes.
+
+    Args:
+        robot: its tuning is used.
+        command: asked at every tick.
+        load_estimate: whether the controller's model follows the forces under the feet.
+        hands: whether the hands are tasks, held where the posture ``hands_front`` has them.
+    """
+    tuning, changes = walk_tuning(robot), walking_changes(robot, load_estimate)
+
+    def gait(robot: RobotDescription, state: RobotState) -> CommandedWalk:
+        return CommandedWalk(Walking(robot, tuning, state), command)
+
+    def figures(robot: RobotDescription, series: dict[str, Array]) -> dict[str, Any]:
+        return walk_figures(series, commands_at(command, series["time"]))
+
+    motion = _carried if hands else None
+    return Scenario("walk", _posture(hands), motion, gait, changes=changes, figures=figures)
+
+
+def _carried(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
+    return CarriedHands(reference)
+
+
+def _posture(hands: bool) -> str:
+    return "hands_front" if hands else "standing"
+
+
+def check_walk(options: WalkOptions) -> RobotDescription:
+    """Check every option before anything is made or written; returns the robot.
+
+    Raises:
+        SafeWbcError: an option is not allowed.
+    """
+    robot = check_options(options)
+    robot.posture(_posture(options.hands))
+    for text in options.push:
+        parse_push(text)
+    shortest = FIRST + LAST
+    if options.duration <= shortest:
+        allowed = f"above {shortest:g} s: the robot stands for {FIRST:g} s first and stops {LAST:g} s before the end"
+        raise ConfigError("duration", options.duration, allowed)
+    command_profile(options, robot)
+    _check_obstacle(options, robot)
+    return robot
+
+
+def _check_obstacle(options: WalkOptions, robot: RobotDescription) -> None:
+    require_one_of("obstacle", options.obstacle, ("none", *BESIDE))
+    if options.obstacle == "none":
+        return
+    if options.script is not None:
+        raise ConfigError("obstacle", options.obstacle, "none with --script: it stands beside a straight way")
+    if options.vx <= 0.0 or options.vy != 0.0 or options.wz != 0.0:
+        velocity = (options.vx, options.vy, options.wz)
+        raise ConfigError("vx, vy, wz", velocity, "straight forward (vx above 0, the others 0) with --obstacle")
+    shortest = meeting(options, robot).time + PASSED + LAST
+    if options.duration < shortest:
+        raise ConfigError(
+            "duration", options.duration, f"at least {shortest:.3g} s with --obstacle: it has to be passed"
+        )
+
+
+def command_profile(options: WalkOptions, robot: RobotDescription) -> CommandProfile:
+    """The commands of a walk by its options.
+
+    Raises:
+        ConfigError: the script cannot be read, or a velocity is not within reach of the robot's longest steps.
+    """
+    fastest = walk_tuning(robot).fastest(_width(robot, _posture(options.hands)))
+    if options.script is not None:
+        wanted: CommandProfile = read_script(options.script, fastest)
+    else:
+        command = VelocityCommand(options.vx, options.vy, options.wz, stepping=True)
+        require_reachable(command, fastest)
+        wanted = partial(_always, command)
+    return between(wanted, FIRST, options.duration - LAST)
+
+
+def _always(command: VelocityCommand, t: float) -> VelocityCommand:
+    return command
+
+
+def _width(robot: RobotDescription, posture: str) -> float:
+    """Distance of the feet in a posture [m]."""
+    kin = Kinematics(robot)
+    kin.update_geometry(standing_configuration(robot, posture))
+    left, right = (kin.frame_placement(kin.frame_id(robot.roles[r]))[1] for r in ("left_sole", "right_sole"))
+    return float(abs(left[1] - right[1]))
+
+
+def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter | None:
+    """The sphere beside the way."""
+    if options.obstacle == "none":
+        return None
+    return partial(sphere_beside, meeting(options, robot), SensorSettings())
+
+
+def meeting(options: WalkOptions, robot: RobotDescription) -> Beside:
+    """Where the left hand meets the sphere: in the middle of the left foot's third support, swayed to the left."""
+    tuning, posture = walk_tuning(robot), _posture(options.hands)
+    kin = Kinematics(robot)
+    q = standing_configuration(robot, posture)
+    kin.update_center_of_mass(q, np.zeros(kin.nv))
+    time = FIRST + tuning.start_time + 0.5 * tuning.single_support + MEETING_STEPS * tuning.period
+    ahead = MEETING_STEPS * tuning.period * options.vx
+    omega = math.sqrt(GRAVITY / float(kin.com[2]))
+    sideways = sway(0.5 * _width(robot, posture), omega, tuning.single_support, tuning.double_support)
+    return Beside(options.obstacle, ahead, sideways, time, posture)
+
+
+def sway(half_width: float, omega: float, single: float, double: float) -> float:
+    r"""How far the CoM goes to each side in steady stepping, by the linear inverted pendulum.
+
+    The ZMP is at :math:`\pm p` for the time ``single`` and goes linearly from one to the other in the time ``double``.
+    About the middle of single support :math:`y = p + A \cosh \omega t`, about that of double support
+    :math:`y = B \sinh \omega t - 2 p t / T_d`; place and velocity agree where one becomes the other.
+
+    Args:
+        half_width: p, half the distance of the feet [m].
+        omega: of the pendulum, above 0 [1/s].
+        single: time of single support, above 0 [s].
+        double: time of double support, above 0 [s].
+
+    Returns:
+        p + A [m].
+    """
+    a, b = 0.5 * omega * single, 0.5 * omega * double
+    return half_width * (1.0 - 1.0 / (b * (math.cosh(a) / math.tanh(b) + math.sinh(a))))
+
+
+def commands_at(command: CommandProfile, times: Array) -> Array:
+    """Commanded velocities at ``times`` (T,) [s]: shape (T, 3), forward [m/s], left [m/s], turning [rad/s]."""
+    commands = [command(float(t)) for t in times]
+    return np.reshape([(c.vx, c.vy, c.wz) for c in commands], (-1, 3))
+
+
+def with_commands(result: RunResult, command: CommandProfile) -> RunResult:
+    """The result of a walk with the series ``command``, and the robot's settings of walking in its configuration."""
+    commands = commands_at(command, result.series["time"])
+    config = {**result.config, "walking": dataclasses.asdict(walk_tuning(result.robot))}
+    return dataclasses.replace(result, config=config, series={**result.series, "command": commands})

@@ -1,0 +1,83 @@
+"""Where a pushed robot has to step: checked by integrating the pendulum to the landing."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controllers.footsteps import LEFT, RIGHT, Foothold, StepLimits
+from controllers.lipm import DcmPlan, ZmpPhase
+from controllers.step_adjustment import StepAdjustment
+
+OMEGA, SINGLE, DOUBLE = 3.8, 0.6, 0.2
+LIMITS = StepLimits(width=0.24, forward=0.35, narrowest=0.1, widest=0.45, turn=0.4)
+ROOM = np.array([0.05, 0.015])
+STANCE = Foothold(0.2, -0.1, 0.4)
+ADJUSTMENT = StepAdjustment(LIMITS, OMEGA, ROOM, DOUBLE)
+LANDING = STANCE.compose(0.16, 0.24, 0.0)
+
+
+def phases(shift: np.ndarray) -> list[ZmpPhase]:
+    """Single support, and two further steps, all footholds after the first moved by ``shift`` (2,), world."""
+    third = STANCE.compose(0.32, 0.0, 0.0).point + shift
+    second = LANDING.point + shift
+    out = [ZmpPhase(STANCE.point, STANCE.point, SINGLE), ZmpPhase(STANCE.point, second, DOUBLE)]
+    return [*out, ZmpPhase(second, second, SINGLE), ZmpPhase(second, third, DOUBLE), ZmpPhase(third, third, SINGLE)]
+
+
+PLAN = DcmPlan(phases(np.zeros(2)), OMEGA)
+WANTED = PLAN.evaluate(SINGLE).position
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.05, 0.55))
+def test_the_shifted_plan_is_met_with_a_zmp_in_the_sole(ex: float, ey: float, t: float) -> None:
+    """Some constant ZMP within the room takes the DCM to where the plan with shifted footholds has it at landing."""
+    dcm = PLAN.evaluate(t).position + STANCE.axes @ [ex, ey]
+    left = SINGLE - t
+    shift = STANCE.axes @ ADJUSTMENT.shift(dcm, STANCE, WANTED, left)
+    growth = np.exp(OMEGA * left)
+    target = DcmPlan(phases(shift), OMEGA).evaluate(SINGLE).position
+    needed = (STANCE.point + (dcm - STANCE.point) * growth - target) / (growth - 1.0) @ STANCE.axes
+    assert (np.abs(needed) <= ROOM + 1e-9).all()
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.05, 0.55))
+def test_no_smaller_shift_would_do(ex: float, ey: float, t: float) -> None:
+    dcm = PLAN.evaluate(t).position + STANCE.axes @ [ex, ey]
+    left = SINGLE - t
+    shift = ADJUSTMENT.shift(dcm, STANCE, WANTED, left)
+    growth = np.exp(OMEGA * left)
+    target = DcmPlan(phases(STANCE.axes @ (0.99 * shift)), OMEGA).evaluate(SINGLE).position
+    needed = (STANCE.point + (dcm - STANCE.point) * growth - target) / (growth - 1.0) @ STANCE.axes
+    assert (np.abs(needed) > ROOM - 1e-12)[np.abs(shift) > 1e-6].all()
+
+
+def test_on_the_plan_nothing_moves() -> None:
+    for t in (0.0, 0.2, 0.45):
+        found, left = ADJUSTMENT.adjust(PLAN.evaluate(t).position, STANCE, LEFT, LANDING, WANTED, SINGLE - t, 0.12)
+        assert found.point == pytest.approx(LANDING.point, abs=1e-9)
+        assert left == SINGLE - t
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 0.4), st.sampled_from((LEFT, RIGHT)))
+def test_footholds_and_times_stay_in_reach(ex: float, ey: float, t: float, swing: int) -> None:
+    side = 1.0 if swing == LEFT else -1.0
+    planned = STANCE.compose(0.1, 0.24 * side, 0.0)
+    found, left = ADJUSTMENT.adjust(
+        PLAN.evaluate(t).position + np.array([ex, ey]), STANCE, swing, planned, WANTED, SINGLE - t, 0.12
+    )
+    x, y, _ = STANCE.relative(found)
+    assert abs(x) <= 0.35 + 1e-9
+    assert 0.1 - 1e-9 <= side * y <= 0.45 + 1e-9
+    assert 0.12 - 1e-9 <= left <= SINGLE - t + 1e-9
+
+
+def test_a_push_over_the_standing_foot_is_answered_by_an_earlier_landing() -> None:
+    """The feet cannot cross: time is all that is left."""
+    dcm = PLAN.evaluate(0.1).position + STANCE.axes @ [0.0, -0.06]
+    found, left = ADJUSTMENT.adjust(dcm, STANCE, LEFT, LANDING, WANTED, 0.5, 0.12)
+    assert STANCE.relative(found)[1] == pytest.approx(0.1, abs=1e-9)
+    assert left < 0.3

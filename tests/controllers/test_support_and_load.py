@@ -1,0 +1,46 @@
+"""Touching feet and the robot's weight, from measured forces."""
+
+import numpy as np
+import pytest
+
+from controllers.load import HEAVIEST, LIGHTEST, LoadEstimator
+from controllers.support import SupportSensor
+from robots.errors import ConfigError
+from wbc.wrench import GRAVITY
+
+
+def test_a_foot_touches_after_two_ticks_above_the_threshold() -> None:
+    sensor = SupportSensor(20.0)
+    forces = [[0.0, 300.0], [25.0, 300.0], [0.0, 10.0], [25.0, 300.0], [25.0, 300.0]]
+    found = [sensor.update(np.array(f)) for f in forces]
+    assert found == [[False, False], [False, True], [False, False], [False, False], [True, True]]
+
+
+def test_the_estimate_goes_to_the_ratio_of_the_weights() -> None:
+    load = LoadEstimator(30.0, 0.5)
+    dt = 0.002
+    for _ in range(round(0.5 / dt)):
+        load.update(np.array([100.0, 36.0 * GRAVITY - 100.0]), dt)
+    # one time constant: 1 - 1/e of the way
+    assert load.scale == pytest.approx(1.0 + 0.2 * (1.0 - np.exp(-1.0)), abs=1e-3)
+    for _ in range(round(10 / dt)):
+        load.update(np.array([100.0, 36.0 * GRAVITY - 100.0]), dt)
+    assert load.scale == pytest.approx(1.2, abs=1e-6)
+
+
+@pytest.mark.parametrize(("force", "bound"), [(0.0, LIGHTEST), (1e5, HEAVIEST)])
+def test_the_estimate_stays_in_its_bounds(force: float, bound: float) -> None:
+    load = LoadEstimator(30.0, 0.1)
+    for _ in range(3000):
+        load.update(np.array([force, force]), 0.002)
+        assert LIGHTEST <= load.scale <= HEAVIEST
+    assert load.scale == pytest.approx(bound, abs=1e-6)
+
+
+def test_settings_are_checked() -> None:
+    with pytest.raises(ConfigError, match="mass"):
+        LoadEstimator(0.0, 1.0)
+    with pytest.raises(ConfigError, match="time constant"):
+        LoadEstimator(30.0, float("nan"))
+    with pytest.raises(ConfigError, match="threshold"):
+        SupportSensor(-1.0)

@@ -1,0 +1,77 @@
+"""The path of the swinging foot: ends, smoothness, and being sent elsewhere."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from controllers.swing import Quintic, SwingPath
+
+START = np.array([0.1, 0.2, 0.0, 0.3])
+TARGET = np.array([0.4, 0.1, 0.01, 0.5])
+
+
+def path() -> SwingPath:
+    return SwingPath(START, TARGET, apex=0.06, duration=0.6)
+
+
+def test_a_quintic_meets_both_ends() -> None:
+    rng = np.random.default_rng(0)
+    p, v, a, end = rng.normal(size=(4, 3))
+    curve = Quintic((p, v, a), end, 0.7)
+    for found, wanted in zip(curve.evaluate(0.0), (p, v, a), strict=True):
+        assert found == pytest.approx(wanted, abs=1e-12)
+    for found, wanted in zip(curve.evaluate(0.7 - 1e-12), (end, 0 * end, 0 * end), strict=True):
+        assert found == pytest.approx(wanted, abs=1e-7)
+
+
+def test_rates_are_those_of_the_path() -> None:
+    swing, step = path(), 1e-6
+    for t in np.linspace(0.01, 0.59, 23):
+        _, velocity, acceleration = swing.evaluate(t)
+        before, after = swing.evaluate(t - step), swing.evaluate(t + step)
+        assert velocity == pytest.approx((after[0] - before[0]) / (2 * step), abs=1e-7)
+        assert acceleration == pytest.approx((after[1] - before[1]) / (2 * step), abs=1e-5)
+
+
+def test_the_foot_starts_and_lands_at_rest_and_clears_the_ground() -> None:
+    swing = path()
+    for t, place in ((0.0, START), (0.6, TARGET)):
+        position, velocity, acceleration = swing.evaluate(t)
+        assert position == pytest.approx(place, abs=1e-12)
+        assert velocity == pytest.approx(np.zeros(4), abs=1e-9)
+        assert acceleration == pytest.approx(np.zeros(4), abs=1e-7)
+    heights = [swing.evaluate(t)[0][2] for t in np.linspace(0, 0.6, 601)]
+    assert max(heights) == pytest.approx(0.07, abs=1e-6)
+    assert np.all(np.diff(heights[:270]) > -1e-12)
+    assert np.all(np.diff(heights[271:]) < 1e-12)
+
+
+def test_the_foot_comes_down_straight() -> None:
+    """Over its last stretch it does not move over the ground."""
+    swing = path()
+    assert swing.evaluate(SwingPath.ARRIVAL * 0.6)[0][[0, 1, 3]] == pytest.approx(TARGET[[0, 1, 3]], abs=1e-12)
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.floats(0.02, 0.45), st.floats(0.13, 0.6), st.integers(0, 1000))
+def test_sent_elsewhere_it_goes_on_smoothly_and_arrives(t: float, left: float, seed: int) -> None:
+    swing = path()
+    other = TARGET + np.array([1.0, 1.0, 0.0, 1.0]) * np.random.default_rng(seed).uniform(-0.1, 0.1, 4)
+    before = swing.evaluate(t)
+    swing.send_to(other, t, left)
+    for found, wanted in zip(swing.evaluate(t), before, strict=True):
+        assert found == pytest.approx(wanted, abs=1e-9)
+    position, velocity, _ = swing.evaluate(t + left)
+    assert position == pytest.approx(other, abs=1e-9)
+    assert velocity == pytest.approx(np.zeros(4), abs=1e-7)
+    steps = np.array([swing.evaluate(s)[1] for s in np.linspace(t, t + left, 400)])
+    # no jump of the velocity anywhere
+    assert np.abs(np.diff(steps, axis=0)).max() < 0.3
+
+
+def test_sent_to_where_it_goes_anyway_nothing_changes() -> None:
+    swing, plain = path(), path()
+    swing.send_to(TARGET, 0.2, 0.4)
+    for t in np.linspace(0.2, 0.6, 50):
+        assert swing.evaluate(t)[0] == pytest.approx(plain.evaluate(t)[0], abs=1e-9)

@@ -1,0 +1,108 @@
+"""The search for the strongest push: against brute force, and one that a robot survives and one that fells it."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from experiments import push_search
+from experiments.push_search import AFTER, STRIDE, PushCase, cases, largest_survived, run_case, true_mass, worst_of
+from experiments.scenario import PUSH_TIME
+from experiments.study_options import PushSearchOptions
+from robots.errors import SafeWbcError
+from robots.loader import load_robot
+from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
+
+
+@given(limit=st.integers(0, 40), top=st.integers(0, 40), stride=st.integers(1, 12))
+def test_the_largest_level_survived_is_found(limit: int, top: int, stride: int) -> None:
+    """Of robots that survive up to a limit; no level above ``top``, and none twice, is tried."""
+    tried: list[int] = []
+
+    def survives(level: int) -> bool:
+        tried.append(level)
+        return level <= limit
+
+    assert largest_survived(survives, top, stride) == min(limit, top)
+    assert len(set(tried)) == len(tried)
+    assert all(1 <= level <= top for level in tried)
+
+
+@given(falls=st.sets(st.integers(1, 30)), top=st.integers(1, 30))
+def test_level_found_is_survived_and_the_next_one_is_not(falls: set[int], top: int) -> None:
+    """Also where a stronger push is survived again; and no fall at a whole stride below is passed over."""
+    found = largest_survived(lambda level: level not in falls, top)
+    assert found not in falls
+    assert found == top or found + 1 in falls
+    assert not [level for level in falls if level <= found and level % STRIDE == 0]
+
+
+@given(limits=st.lists(st.integers(0, 25), min_size=1, max_size=8), top=st.integers(1, 25))
+def test_the_worst_of_the_cases_counts(limits: list[int], top: int) -> None:
+    given_cases = [PushCase("g1", "walking", "left", float(i), 1.0) for i in range(len(limits))]
+    level, weakest = worst_of(given_cases, top, lambda case, tried: tried <= limits[int(case.time)])
+    assert level == min([*limits, top])
+    assert (weakest is None) == (level == top)
+    if weakest is not None:
+        assert limits[int(weakest.time)] == level
+
+
+def test_instants_of_walking_are_evenly_spread_over_one_step() -> None:
+    pushes = cases("g1", "walking", "sideways", 1.0)
+    times = sorted({case.time for case in pushes})
+    gaps = np.diff([*times, times[0] + push_search.walk_tuning(load_robot("g1")).period])
+    np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
+    assert {(case.time, case.direction) for case in pushes} == {(t, d) for t in times for d in ("left", "right")}
+
+
+def test_mass_of_the_simulated_robot(robot_name: str) -> None:
+    model = build_mujoco_spec(load_robot(robot_name), PhysicalChanges(mass_scale=1.2)).compile()
+    assert true_mass(PushCase(robot_name, "standing", "left", 1.0, 1.2)) == pytest.approx(model.body_mass.sum())
+
+
+def test_a_push_changes_the_momentum_by_its_impulse() -> None:
+    """Standing; for as long as the ground has not had the time to push back much, and after it the robot stays up."""
+    case = dataclasses.replace(cases("g1", "standing", "forward", 1.0)[0], time=0.6)
+    impulse = 0.1
+    result = run_case(case, impulse * true_mass(case) / PUSH_TIME)
+    time, com = result.series["time"], result.series["com"]
+    assert not result.summary["fell"]
+    assert result.summary["duration_s"] == pytest.approx(case.time + PUSH_TIME + AFTER)
+    # 10 ms into the push: the impulse so far, per mass
+    first = int(np.searchsorted(time, case.time - 1e-9))
+    speed = (com[first + 5] - com[first + 4]) / (time[first + 5] - time[first + 4])
+    assert speed[0] == pytest.approx(0.09 * impulse, rel=0.25)
+    assert abs(speed[1]) < 0.1 * speed[0]
+
+
+def test_a_strong_push_fells_the_robot_and_the_run_then_ends() -> None:
+    case = dataclasses.replace(cases("g1", "standing", "forward", 1.0)[0], time=0.6)
+    result = run_case(case, 3.0 * true_mass(case) / PUSH_TIME)
+    assert result.summary["fell"]
+    assert result.summary["duration_s"] < case.time + AFTER
+
+
+@pytest.mark.parametrize(
+    ("change", "named"),
+    [
+        ({"stances": ("lying",)}, "lying"),
+        ({"stances": ()}, "stances"),
+        ({"directions": ("up",)}, "up"),
+        ({"robots": ()}, "robots"),
+        ({"robots": ("nobody",)}, "nobody"),
+        ({"resolution": 0.0}, "resolution"),
+        ({"largest": 0.01}, "largest"),
+        ({"mass_scale": -1.0}, "mass_scale"),
+        ({"jobs": 0}, "jobs"),
+    ],
+)
+def test_wrong_options_are_refused_before_anything_is_written(
+    change: dict[str, object], named: str, tmp_path: Path
+) -> None:
+    options = dataclasses.replace(PushSearchOptions(out=tmp_path / "runs"), **change)  # type: ignore[arg-type]
+    with pytest.raises(SafeWbcError, match=named):
+        push_search.pushes(options)
+    assert not (tmp_path / "runs").exists()

@@ -8,6 +8,7 @@ from controllers.config import controller_config, from_table
 from controllers.footsteps import StepLimits, VelocityCommand
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.description import RobotDescription
+from robots.errors import ConfigError
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,9 @@ class WalkTuning:
         )
         for name in positive:
             require_positive(f"walking {name}", getattr(self, name))
+        if self.load_time > 0.5 * self.double_support:
+            allowed = f"at most half of double_support, {self.double_support:g} s"
+            raise ConfigError("walking load_time", self.load_time, allowed)
         for name in ("late_limit", "wait_limit", "touch_depth", "gain_scale"):
             require_non_negative(f"walking {name}", getattr(self, name))
         for name in ("zmp_share", "touch_share"):

@@ -152,8 +152,8 @@ class ClosedLoop:
 
     def _tick(self, t: float) -> None:
         state = self._measure(t)
-        self._move_references(t, state)
         start = time.perf_counter()
+        self._move_references(t, state)
         command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
         elapsed = time.perf_counter() - start
         if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:

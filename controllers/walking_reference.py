@@ -1,0 +1,85 @@
+"""What the whole body is asked for while it walks: feet, CoM, heading."""
+
+import math
+
+import numpy as np
+
+from controllers.feet import Feet
+from controllers.footsteps import LEFT, RIGHT
+from controllers.lipm import DcmReference
+from controllers.reference import PointReference, WholeBodyReference
+from robots.description import RobotDescription
+from robots.messages import Array
+
+Swing = tuple[int, tuple[Array, Array, Array]]
+"""Which foot is in the air, and its x, y, height, yaw (4,) with their rates and second rates."""
+
+
+class WalkingReference:
+    """Writes references: soles where they stand or swing, base and torso upright in the mean heading of the feet.
+
+    The CoM's reference is that of the pendulum whose DCM is planned; only its height is used for control.
+    """
+
+    def __init__(self, robot: RobotDescription, feet: Feet) -> None:
+        """Base and torso keep the posture against the feet that they have now."""
+        kin, back = feet.kin, _about_z(-_mean_angle(*feet.yaws))
+        self._upright = [back @ kin.frame_placement(kin.frame_id(robot.roles[r]))[0] for r in ("base", "torso")]
+        self._com = kin.com[:2].copy()
+        self._time: float | None = None
+
+    def write(
+        self,
+        reference: WholeBodyReference,
+        t: float,
+        dcm: DcmReference,
+        feet: Feet,
+        swing: Swing | None,
+        load_limits: Array,
+    ) -> None:
+        """Write everything that a gait gives for time ``t`` [s] into ``reference``.
+
+        Args:
+            reference: changed in place.
+            t: of this tick [s].
+            dcm: planned.
+            feet: footholds of the feet on the ground.
+            swing: the foot in the air.
+            load_limits: shape (2,) largest share of the weight on each foot.
+        """
+        reference.dcm, reference.load_limits = dcm, load_limits
+        reference.in_contact = np.array([True, True])
+        reference.sole_turns = np.zeros((2, 2))
+        yaws = feet.yaws
+        for foot in (LEFT, RIGHT):
+            hold, point = feet.holds[foot], reference.soles[foot]
+            point.position = np.array([hold.x, hold.y, feet.heights[foot]])
+            point.velocity = point.acceleration = np.zeros(3)
+        if swing is not None:
+            foot, (position, velocity, acceleration) = swing
+            point = reference.soles[foot]
+            point.position, point.velocity, point.acceleration = position[:3], velocity[:3], acceleration[:3]
+            reference.in_contact[foot] = False
+            yaws[foot], reference.sole_turns[foot] = position[3], (velocity[3], acceleration[3])
+        reference.sole_rotations = (_about_z(yaws[LEFT]), _about_z(yaws[RIGHT]))
+        turn = _about_z(_mean_angle(*yaws))
+        reference.base_rotation, reference.torso_rotation = turn @ self._upright[0], turn @ self._upright[1]
+        reference.turn_rate = 0.5 * float(reference.sole_turns[:, 0].sum())
+        self._write_com(reference, t, dcm, feet.com_height + 0.5 * sum(feet.heights))
+
+    def _write_com(self, reference: WholeBodyReference, t: float, dcm: DcmReference, height: float) -> None:
+        dt = 0.0 if self._time is None else t - self._time
+        self._time = t
+        velocity = dcm.omega * (dcm.position - self._com)
+        self._com = dcm.position + (self._com - dcm.position) * math.exp(-dcm.omega * dt)
+        reference.com = PointReference(np.array([*self._com, height]), np.array([*velocity, 0.0]))
+
+
+def _mean_angle(a: float, b: float) -> float:
+    """Half-way from ``a`` to ``b``, the shorter way round [rad]."""
+    return a + 0.5 * math.remainder(b - a, math.tau)
+
+
+def _about_z(yaw: float) -> Array:
+    c, s = math.cos(yaw), math.sin(yaw)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

@@ -1,5 +1,7 @@
 """Feedback of the divergent component of motion: where the ZMP has to be, and what the CoM then does."""
 
+import math
+
 import numpy as np
 
 from controllers.lipm import DcmReference
@@ -49,19 +51,23 @@ def clip_to_support(
     Returns:
         New array (2,) [m].
     """
-    if not in_contact.any():
+    # plain floats: this is asked in every tick, and numpy's calls would cost more than the sums
+    standing = [i for i in (0, 1) if in_contact[i]]
+    if not standing:
         return point.copy()
-    if in_contact.all():
-        line = centres[1] - centres[0]
-        length = float(line @ line)
-        least, most = (0.0, 1.0) if load_limits is None else (1.0 - load_limits[0], load_limits[1])
-        least, most = max(0.0, least), min(1.0, most)
-        share = 0.5 if length < 1e-12 else min(max(float((point - centres[0]) @ line) / length, least), most)
-        centre, half = centres[0] + share * line, half_sizes.min(axis=0)
-        yaw = yaws[0] + share * np.remainder(yaws[1] - yaws[0] + np.pi, 2 * np.pi) - share * np.pi
-    else:
-        foot = int(np.argmax(in_contact))
-        centre, half, yaw = centres[foot], half_sizes[foot], yaws[foot]
-    c, s = np.cos(yaw), np.sin(yaw)
-    axes = np.array([[c, -s], [s, c]])
-    return centre + axes @ np.clip((point - centre) @ axes, -half, half)
+    x, y = float(point[0]), float(point[1])
+    foot = standing[0]
+    (cx, cy), yaw, (length, width) = centres[foot].tolist(), float(yaws[foot]), half_sizes[foot].tolist()
+    if len(standing) == 2:
+        dx, dy = float(centres[1, 0]) - cx, float(centres[1, 1]) - cy
+        squared = dx * dx + dy * dy
+        least, most = (0.0, 1.0) if load_limits is None else (1.0 - float(load_limits[0]), float(load_limits[1]))
+        share = 0.5 if squared < 1e-12 else ((x - cx) * dx + (y - cy) * dy) / squared
+        share = min(max(share, 0.0, least), 1.0, most)
+        cx, cy = cx + share * dx, cy + share * dy
+        yaw += share * math.remainder(float(yaws[1]) - yaw, math.tau)
+        length, width = min(length, float(half_sizes[1, 0])), min(width, float(half_sizes[1, 1]))
+    c, s = math.cos(yaw), math.sin(yaw)
+    forward, left = c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)
+    forward, left = min(max(forward, -length), length), min(max(left, -width), width)
+    return np.array([cx + c * forward - s * left, cy + s * forward + c * left])

@@ -1,5 +1,6 @@
 """Linear inverted pendulum: reference of the divergent component of motion for a piecewise linear ZMP."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -71,32 +72,30 @@ class DcmPlan:
         if not phases:
             raise ConfigError("phases", list(phases), "one phase at least")
         self.omega = omega
-        self._phases = tuple(phases)
-        self._ends: list[Array] = [phases[-1].end]
+        x, y = self._rest = (float(phases[-1].end[0]), float(phases[-1].end[1]))
+        pieces = []
+        # plain floats: a plan is made and asked in every tick, and numpy's calls would cost more than the sums
         for phase in reversed(phases):
             require_positive("duration of a phase", phase.duration)
-            self._ends.append(_dcm_in_phase(phase, self._ends[-1], 0.0, omega))
-        # _ends[i]: where the DCM is at the end of phase i, after reversing
-        self._ends = self._ends[::-1][1:]
+            (ax, ay), (bx, by), span = phase.start.tolist(), phase.end.tolist(), phase.duration
+            sx, sy = (bx - ax) / span, (by - ay) / span
+            decay = math.exp(-omega * span)
+            grow_x, grow_y = (x - bx - sx / omega) * decay, (y - by - sy / omega) * decay
+            pieces.append((span, ax, ay, sx, sy, grow_x, grow_y))
+            x, y = ax + sx / omega + grow_x, ay + sy / omega + grow_y
+        self._pieces = tuple(reversed(pieces))
 
     def evaluate(self, t: float) -> DcmReference:
         """The reference at ``t`` [s] after the start of the first phase."""
-        left = max(t, 0.0)
-        last = len(self._phases) - 1
-        for i, phase in enumerate(self._phases):
-            if left < phase.duration:
-                position = _dcm_in_phase(phase, self._ends[i], left, self.omega)
-                zmp = phase.start + (left / phase.duration) * (phase.end - phase.start)
-                return DcmReference(position, self.omega * (position - zmp), self.omega)
-            if i < last:
-                left -= phase.duration
-        return DcmReference(self._phases[-1].end.copy(), np.zeros(2), self.omega)
-
-
-def _dcm_in_phase(phase: ZmpPhase, dcm_end: Array, t: float, omega: float) -> Array:
-    speed = (phase.end - phase.start) / phase.duration
-    zmp = phase.start + speed * t
-    return zmp + speed / omega + (dcm_end - phase.end - speed / omega) * np.exp(omega * (t - phase.duration))
+        left, omega = max(t, 0.0), self.omega
+        for span, ax, ay, sx, sy, grow_x, grow_y in self._pieces:
+            if left < span:
+                growth = math.exp(omega * left)
+                x, y = grow_x * growth, grow_y * growth
+                position = np.array([ax + sx * left + sx / omega + x, ay + sy * left + sy / omega + y])
+                return DcmReference(position, np.array([sx + omega * x, sy + omega * y]), omega)
+            left -= span
+        return DcmReference(np.array(self._rest), np.zeros(2), omega)
 
 
 def waypoint(

@@ -3,12 +3,10 @@
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from controllers.footsteps import Foothold, StepLimits
 from robots.messages import Array
 
-GRID = np.linspace(1.0, 0.0, 9)
+GRID = tuple(1.0 - i / 8 for i in range(9))
 """Times to landing that are tried, from the present one to the shortest."""
 
 RELUCTANCE = 0.25
@@ -40,8 +38,8 @@ class StepAdjustment:
     room: Array
     double_support: float
 
-    def shift(self, dcm: Array, stance: Foothold, wanted: Array, left: float) -> Array:
-        """Smallest shift (2,) of the foothold, in the standing foot's axes [m].
+    def shift(self, dcm: Array, stance: Foothold, wanted: Array, left: float) -> tuple[float, float]:
+        """Smallest shift of the foothold, forward and to the left in the standing foot's axes [m].
 
         Args:
             dcm: shape (2,) measured [m].
@@ -50,11 +48,16 @@ class StepAdjustment:
             left: T, time until the landing [s].
         """
         growth = math.exp(self.omega * left)
-        error = (stance.point + growth * (dcm - stance.point) - wanted) @ stance.axes
+        rx, ry = stance.x, stance.y
+        ex = rx + growth * (float(dcm[0]) - rx) - float(wanted[0])
+        ey = ry + growth * (float(dcm[1]) - ry) - float(wanted[1])
+        c, s = math.cos(stance.yaw), math.sin(stance.yaw)
         turn = self.omega * self.double_support
         share = (1.0 - math.exp(-turn)) / turn
-        out: Array = np.sign(error) * np.maximum(np.abs(error) - self.room * (growth - 1.0), 0.0) / share
-        return out
+        errors = (c * ex + s * ey, c * ey - s * ex)
+        rooms = ((growth - 1.0) * float(self.room[0]), (growth - 1.0) * float(self.room[1]))
+        x, y = (math.copysign(max(abs(e) - r, 0.0), e) / share for e, r in zip(errors, rooms, strict=True))
+        return x, y
 
     def adjust(
         self, dcm: Array, stance: Foothold, swing: int, planned: Foothold, wanted: Array, left: float, shortest: float
@@ -73,8 +76,11 @@ class StepAdjustment:
         best, best_cost, best_left = planned, math.inf, left
         for share in GRID:
             time = shortest + share * (left - shortest)
-            dx, dy = stance.axes @ self.shift(dcm, stance, wanted, time)
-            ideal = Foothold(planned.x + dx, planned.y + dy, planned.yaw)
+            forward, sideways = self.shift(dcm, stance, wanted, time)
+            c, s = math.cos(stance.yaw), math.sin(stance.yaw)
+            ideal = Foothold(
+                planned.x + c * forward - s * sideways, planned.y + s * forward + c * sideways, planned.yaw
+            )
             near = self.limits.clamp(stance, ideal, swing)
             missing = math.hypot(ideal.x - near.x, ideal.y - near.y)
             cost = missing + RELUCTANCE * (left - time)

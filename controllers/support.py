@@ -1,7 +1,5 @@
 """Which feet touch the ground, from measured forces."""
 
-import numpy as np
-
 from robots.checks import require_positive
 from robots.messages import Array
 
@@ -19,9 +17,11 @@ class SupportSensor:
     def __init__(self, threshold: float) -> None:
         require_positive("threshold", threshold)
         self._threshold = threshold
-        self._count = np.zeros(2, dtype=int)
+        self._count = [0, 0]
 
     def update(self, forces: Array) -> list[bool]:
         """Take in the forces (2,) of one tick [N]; returns which feet touch."""
-        self._count = np.where(forces > self._threshold, self._count + 1, 0)
-        return [bool(c >= TICKS) for c in self._count]
+        self._count = [
+            count + 1 if force > self._threshold else 0 for count, force in zip(self._count, forces, strict=True)
+        ]
+        return [count >= TICKS for count in self._count]

@@ -10,39 +10,43 @@ class Quintic:
     """Polynomial of degree five between two states; after its end it goes on at the velocity it has there.
 
     Args:
-        start: three arrays of one shape: position, velocity, acceleration at time 0.
-        end: where it ends, without acceleration.
+        start: shape (3, k) position, velocity, acceleration at time 0.
+        end: shape (k,) where it ends, without acceleration.
         duration: above 0 [s].
-        end_velocity: at its end, 0 if not given.
+        end_velocity: shape (k,) at its end, 0 if not given.
     """
 
     def __init__(
-        self, start: tuple[Array, Array, Array], end: Array, duration: float, end_velocity: Array | None = None
+        self, start: Array | tuple[Array, Array, Array], end: Array, duration: float, end_velocity: Array | None = None
     ) -> None:
         require_positive("duration", duration)
         p, v, a = start
         t = self._duration = duration
         w = np.zeros_like(end) if end_velocity is None else end_velocity
         d = end - p
-        self._end, self._end_velocity = end, w
-        self._coefficients = (
-            p,
-            v,
-            0.5 * a,
-            (10 * d - t * (6 * v + 4 * w) - 1.5 * t**2 * a) / t**3,
-            (-15 * d + t * (8 * v + 7 * w) + 1.5 * t**2 * a) / t**4,
-            (6 * d - 3 * t * (v + w) - 0.5 * t**2 * a) / t**5,
+        self._end = np.array([end, w, np.zeros_like(end)])
+        self._coefficients = np.array(
+            [
+                p,
+                v,
+                0.5 * a,
+                (10 * d - t * (6 * v + 4 * w) - 1.5 * t**2 * a) / t**3,
+                (-15 * d + t * (8 * v + 7 * w) + 1.5 * t**2 * a) / t**4,
+                (6 * d - 3 * t * (v + w) - 0.5 * t**2 * a) / t**5,
+            ]
         )
 
-    def evaluate(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at ``t`` [s]."""
+    def evaluate(self, t: float) -> Array:
+        """Position, velocity, acceleration at ``t`` [s]: the rows of a new array (3, k)."""
         if t >= self._duration:
-            late = t - self._duration
-            return self._end + late * self._end_velocity, self._end_velocity, np.zeros_like(self._end)
-        c0, c1, c2, c3, c4, c5 = self._coefficients
-        position = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5))))
-        velocity = c1 + t * (2 * c2 + t * (3 * c3 + t * (4 * c4 + t * 5 * c5)))
-        return position, velocity, 2 * c2 + t * (6 * c3 + t * (12 * c4 + t * 20 * c5))
+            out = self._end.copy()
+            out[0] += (t - self._duration) * out[1]
+            return out
+        t2, t3 = t * t, t * t * t
+        powers = (1.0, t, t2, t3, t2 * t2, t2 * t3)
+        rates = (0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t2 * t2)
+        second_rates = (0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3)
+        return np.array((powers, rates, second_rates)) @ self._coefficients
 
 
 class SwingPath:
@@ -69,15 +73,18 @@ class SwingPath:
         self.duration = duration
         self.target = target.copy()
         self._flat_since = 0.0
-        rest = np.zeros(3)
-        self._flat = Quintic((start[[0, 1, 3]], rest, rest), target[[0, 1, 3]], self.ARRIVAL * duration)
+        at_rest = np.zeros((3, 4))
+        at_rest[0] = start
+        self._flat = Quintic(at_rest[:, [0, 1, 3]], target[[0, 1, 3]], self.ARRIVAL * duration)
         self._top = top = np.array([max(start[2], target[2]) + apex])
         self._ground = target[2:3].copy()
         self._up_since = 0.0
-        none = np.zeros(1)
         self._top_at = self.RISE * duration
-        self._up = Quintic((start[2:3], none, none), top, self._top_at)
-        self._down = Quintic((top, none, none), self._ground, duration - self._top_at, self._touch)
+        self._up = Quintic(at_rest[:, 2:3], top, self._top_at)
+        self._down = Quintic(self._at_top(), self._ground, duration - self._top_at, self._touch)
+
+    def _at_top(self) -> Array:
+        return np.array([[self._top[0]], [0.0], [0.0]])
 
     def send_to(self, target: Array, t: float, left: float) -> None:
         """Change target (4,) and arrival at time ``t`` [s]: ``left`` [s] from then, without a jump of acceleration."""
@@ -95,17 +102,17 @@ class SwingPath:
         top_at = self.RISE * (t + left)
         if top_at - t > 0.1 * (t + left):
             self._up, self._up_since, self._top_at = Quintic(high, self._top, top_at - t), t, top_at
-            self._down = Quintic((self._top, np.zeros(1), np.zeros(1)), self._ground, t + left - top_at, self._touch)
+            self._down = Quintic(self._at_top(), self._ground, t + left - top_at, self._touch)
         else:
             self._down, self._top_at = Quintic(high, self._ground, left, self._touch), t
         self.duration = t + left
 
-    def _height(self, t: float) -> tuple[Array, Array, Array]:
+    def _height(self, t: float) -> Array:
         return self._up.evaluate(t - self._up_since) if t < self._top_at else self._down.evaluate(t - self._top_at)
 
-    def evaluate(self, t: float) -> tuple[Array, Array, Array]:
-        """Position, velocity, acceleration at ``t`` [s], each (4,): x, y, height, yaw."""
-        flat = self._flat.evaluate(t - self._flat_since)
-        high = self._height(t)
-        position, velocity, acceleration = (np.array([f[0], f[1], h[0], f[2]]) for f, h in zip(flat, high, strict=True))
-        return position, velocity, acceleration
+    def evaluate(self, t: float) -> Array:
+        """Position, velocity, acceleration at ``t`` [s]: the rows of a new array (3, 4) of x, y, height, yaw."""
+        out = np.empty((3, 4))
+        out[:, [0, 1, 3]] = self._flat.evaluate(t - self._flat_since)
+        out[:, 2] = self._height(t)[:, 0]
+        return out

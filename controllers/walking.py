@@ -162,7 +162,7 @@ class Walking:
         stance = self._feet.holds[1 - self._swing]
         at_lift = self._plan.evaluate(self._double).position + (self._feet.dcm - now)
         shift = self._adjustment.shift(at_lift, stance, lead, self._tuning.single_support)
-        return float(np.abs(shift).max()) >= self._tuning.wait_shift
+        return max(abs(s) for s in shift) >= self._tuning.wait_shift
 
     def _lift(self, t: float) -> None:
         stance, foot, tuning = self._feet.holds[1 - self._swing], self._feet.holds[self._swing], self._tuning
@@ -232,11 +232,11 @@ class Walking:
     def _falling(self, elapsed: float) -> bool:
         """Whether the DCM is off the plan, and where no ZMP between the feet brings it back."""
         feet = self._feet
-        error = feet.dcm - self._planned_dcm(elapsed).position
-        if float(error @ error) < self._tuning.catch_error**2:
+        planned = self._planned_dcm(elapsed).position
+        if math.hypot(feet.dcm[0] - planned[0], feet.dcm[1] - planned[1]) < self._tuning.catch_error:
             return False
         near = clip_to_support(feet.dcm, feet.centres, feet.yaws, self._room, np.array([True, True]))
-        return float(np.abs(near - feet.dcm).max()) > 1e-9
+        return math.hypot(near[0] - feet.dcm[0], near[1] - feet.dcm[1]) > 1e-9
 
     def _planned_dcm(self, elapsed: float) -> DcmReference:
         """The plan's DCM, at rest while a foot waits to lift."""
@@ -250,9 +250,10 @@ class Walking:
 
         Each in ``load_time``, and so without a jump of the torques.
         """
-        limits = np.ones(2)
+        limits = [1.0, 1.0]
         if self.support is not Support.SINGLE and self._landed is not None:
-            limits[self._landed] = (elapsed + self._waited) / self._tuning.load_time
+            limits[self._landed] = min(1.0, (elapsed + self._waited) / self._tuning.load_time)
         if self.support is Support.DOUBLE:
-            limits[self._swing] = min(limits[self._swing], (self._double - elapsed) / self._tuning.load_time)
-        return np.clip(limits, 0.0, 1.0)
+            gives_up = (self._double - elapsed) / self._tuning.load_time
+            limits[self._swing] = max(0.0, min(limits[self._swing], gives_up))
+        return np.array(limits)

@@ -11,8 +11,8 @@ from controllers.reference import PointReference, WholeBodyReference
 from robots.description import RobotDescription
 from robots.messages import Array
 
-Swing = tuple[int, tuple[Array, Array, Array]]
-"""Which foot is in the air, and its x, y, height, yaw (4,) with their rates and second rates."""
+Swing = tuple[int, Array]
+"""Which foot is in the air, and its x, y, height, yaw, their rates, their second rates: shape (3, 4)."""
 
 
 class WalkingReference:
@@ -56,13 +56,13 @@ class WalkingReference:
             point.position = np.array([hold.x, hold.y, feet.heights[foot]])
             point.velocity = point.acceleration = np.zeros(3)
         if swing is not None:
-            foot, (position, velocity, acceleration) = swing
+            foot, path = swing
             point = reference.soles[foot]
-            point.position, point.velocity, point.acceleration = position[:3], velocity[:3], acceleration[:3]
+            point.position, point.velocity, point.acceleration = path[:, :3]
             reference.in_contact[foot] = False
-            yaws[foot], reference.sole_turns[foot] = position[3], (velocity[3], acceleration[3])
+            yaws[foot], reference.sole_turns[foot] = path[0, 3], path[1:, 3]
         reference.sole_rotations = (_about_z(yaws[LEFT]), _about_z(yaws[RIGHT]))
-        turn = _about_z(_mean_angle(*yaws))
+        turn = _about_z(_mean_angle(yaws[LEFT], yaws[RIGHT]))
         reference.base_rotation, reference.torso_rotation = turn @ self._upright[0], turn @ self._upright[1]
         reference.turn_rate = 0.5 * float(reference.sole_turns[:, 0].sum())
         self._write_com(reference, t, dcm, feet.com_height + 0.5 * sum(feet.heights))

@@ -47,7 +47,7 @@ def test_the_shifted_plan_is_met_with_a_zmp_in_the_sole(ex: float, ey: float, t:
 def test_no_smaller_shift_would_do(ex: float, ey: float, t: float) -> None:
     dcm = PLAN.evaluate(t).position + STANCE.axes @ [ex, ey]
     left = SINGLE - t
-    shift = ADJUSTMENT.shift(dcm, STANCE, WANTED, left)
+    shift = np.array(ADJUSTMENT.shift(dcm, STANCE, WANTED, left))
     growth = np.exp(OMEGA * left)
     target = DcmPlan(phases(STANCE.axes @ (0.99 * shift)), OMEGA).evaluate(SINGLE).position
     needed = (STANCE.point + (dcm - STANCE.point) * growth - target) / (growth - 1.0) @ STANCE.axes

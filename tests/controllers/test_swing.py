@@ -18,7 +18,7 @@ def path() -> SwingPath:
 def test_a_quintic_meets_both_ends() -> None:
     rng = np.random.default_rng(0)
     p, v, a, end = rng.normal(size=(4, 3))
-    curve = Quintic((p, v, a), end, 0.7)
+    curve = Quintic(np.array([p, v, a]), end, 0.7)
     for found, wanted in zip(curve.evaluate(0.0), (p, v, a), strict=True):
         assert found == pytest.approx(wanted, abs=1e-12)
     for found, wanted in zip(curve.evaluate(0.7 - 1e-12), (end, 0 * end, 0 * end), strict=True):

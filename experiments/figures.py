@@ -72,7 +72,6 @@ FIGURES = (
     Figure("steps", "steps"),
     Figure("distance_m", "way walked", "m"),
     Figure("step_height_min_m", "lowest step", "mm", 1e3),
-    Figure("stance_slide_max_m", "foot slide under load, largest", "mm", 1e3),
     Figure("velocity_error_x_mps", "velocity error forward, mean", "m/s"),
     Figure("velocity_error_x_max_mps", "velocity error forward, largest", "m/s"),
     Figure("velocity_error_y_mps", "velocity error sideways, mean", "m/s"),

@@ -7,17 +7,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.metrics import foot_slide
 from robots.messages import Array, Indices
 from robots.rotation import rotation_from_quaternion
 
-STANDING = 0.2
-"""A foot counts as standing from this share of the weight on: beneath it, it is being set down or taken up."""
+Series = Mapping[str, NDArray[Any]]
 
 PAIR = 2
 """Steps over which a velocity is measured: a left and a right one, so that the body's swaying cancels."""
-
-Series = Mapping[str, NDArray[Any]]
 
 
 def walk_figures(series: Series, commands: Array | None = None) -> dict[str, Any]:
@@ -30,20 +26,15 @@ def walk_figures(series: Series, commands: Array | None = None) -> dict[str, Any
 
     Returns:
         ``steps``; ``distance_m``, way of the middle between the soles from touchdown to touchdown;
-        ``step_height_min_m``, smallest over the steps of how high the sole came; ``stance_slide_max_m``, largest way of
-        a sole since it was loaded, while it carries more than ``STANDING`` of the weight; and :func:`velocity_errors`.
+        ``step_height_min_m``, smallest over the steps of how high the sole came; and :func:`velocity_errors`.
     """
     landings = touchdowns(series)
     middle = series["soles"][:, :, :2].mean(axis=1)
     way = middle[[0, *landings]]
-    force = series["foot_wrench"][:, :, 2]
-    standing = force > STANDING * np.median(force.sum(axis=1))
-    slide = foot_slide(dict(series))[standing]
     out = {
         "steps": len(landings),
         "distance_m": float(np.linalg.norm(np.diff(way, axis=0), axis=1).sum()),
         "step_height_min_m": min(swing_heights(series), default=None),
-        "stance_slide_max_m": float(np.nanmax(slide)) if np.isfinite(slide).any() else None,
     }
     return out if commands is None else out | velocity_errors(series, commands)
 

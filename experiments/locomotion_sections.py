@@ -32,7 +32,7 @@ GAITS: dict[str, dict[str, Any]] = {
 ROBOT, MASS, FELL = Figure("robot", "robot"), Figure("mass_scale", "mass"), Figure("ended", "fell")
 FILTER, FAILURES = Figure("filter", "filter"), column("qp_failures", "QP failures")
 ON_ONE = Figure("zmp_inside_single_fraction", "ZMP inside, on one foot", "%", 1e2)
-SLIDE = Figure("stance_slide_max_m", "stance foot slides, max", "mm", 1e3)
+SLIDE = Figure("foot_slide_max_m", "stance foot slides, max", "mm", 1e3)
 TAICHI_COLUMNS = (
     *(ROBOT, FILTER, Figure("torque", "torque"), MASS, Figure("friction", "friction"), FELL),
     Figure("foot_up_s", "foot up", "s"),

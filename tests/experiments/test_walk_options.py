@@ -199,20 +199,7 @@ def test_steps_are_counted_and_measured() -> None:
     assert figures["steps"] == 6
     assert figures["distance_m"] == pytest.approx(0.3)
     assert figures["step_height_min_m"] == pytest.approx(0.04)
-    assert figures["stance_slide_max_m"] == pytest.approx(0.0, abs=1e-12)
     assert "velocity_error_x_mps" not in figures
-
-
-def test_a_slide_counts_only_while_the_foot_carries_load() -> None:
-    series = walked()
-    series["soles"][900:, 1, 1] += 0.007
-    assert walk_figures(series)["stance_slide_max_m"] == pytest.approx(0.007)
-    # the same while it carries 45 N of 300 N, and back
-    series = walked()
-    series["soles"][900:950, 1, 1] += 0.02
-    assert walk_figures(series)["stance_slide_max_m"] == pytest.approx(0.02)
-    series["foot_wrench"][900:950, 1, 2] = 45.0
-    assert walk_figures(series)["stance_slide_max_m"] == pytest.approx(0.0, abs=1e-12)
 
 
 def test_a_robot_that_never_steps_has_no_steps() -> None:

@@ -150,7 +150,8 @@ class Supervisor:
 def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
     """What cannot be in a measured state, by name; ``None`` where all is well.
 
-    Every number has to be finite and below ``LARGEST``, and the base's quaternion of length one.
+    Every number has to be finite and below ``LARGEST``, and the base's quaternion of length one; forces under the feet
+    may be missing.
     """
     nj = len(robot.joint_names)
     for values, size in ((state.q, 7 + nj), (state.v, 6 + nj)):
@@ -161,6 +162,12 @@ def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
         if not sound.all():
             i = int(np.argmin(sound))
             return f"measured {names(robot)[i]} is {values[i]:g}"
+    if state.foot_forces is not None:
+        if state.foot_forces.shape != (2,):
+            return f"measured foot forces have {state.foot_forces.size} numbers instead of 2"
+        for foot, force in zip(("left", "right"), state.foot_forces, strict=True):
+            if not abs(force) <= LARGEST:
+                return f"measured force on the {foot} sole is {force:g}"
     length = float(state.q[3:7] @ state.q[3:7])
     if abs(length - 1) > QUATERNION_TOLERANCE:
         return f"measured base quaternion has length {length**0.5:g} instead of 1"

@@ -1,6 +1,5 @@
 """One tick of the stack: state in, motor command out."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.acceleration_filter import AccelerationFilter
-from controllers.balance import clip_to_support, zmp_command
 from controllers.config import ControllerConfig
 from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
+from controllers.task_stack import TaskStack
 from controllers.torque_modes import gravity_torque
 from robots.checks import all_finite
 from robots.description import RobotDescription
@@ -23,16 +22,6 @@ from safety.obstacles import Obstacle
 from safety.rows import BarrierRows
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
-from wbc.kinwbc import KinWbc
-from wbc.tasks import (
-    CenterOfMassTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    PostureTask,
-    Task,
-    TaskGains,
-)
 from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
 
 STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
@@ -89,8 +78,6 @@ class WholeBodyController:
         self._mass = robot.total_mass
         load_time = config.balance.load_time
         self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
-        self._with_hands = with_hands
-        self._make_tasks(with_hands)
         extra = () if extra_barriers is None else extra_barriers(self.kin)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
         self.obstacle_count = len(obstacle_kinds)
@@ -113,6 +100,8 @@ class WholeBodyController:
         count = self.barriers.size if self.acceleration_filter else 0
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
+        self._tasks = TaskStack(self.kin, config, with_hands, self._half_sizes)
+        self.kinwbc = self._tasks.kinwbc
         self._kp = config.gain_scale * robot.joint_array("kp")
         self._kd = config.gain_scale * robot.joint_array("kd")
         for gains in (self._kp, self._kd):
@@ -123,28 +112,6 @@ class WholeBodyController:
         c = self.config.contact
         return SoleContact(frame, c.length_share * half_length, c.width_share * half_width, c.friction)
 
-    def _make_tasks(self, with_hands: bool) -> None:
-        t, kin, roles = self.config.tasks, self.kin, self.robot.roles
-        rate = self.config.dynwbc.kd + self.config.dynwbc.kp * self.config.dt
-        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com", "hand")}
-        angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
-        foot_turn = TaskGains(t.foot, t.max_angular, rate)
-        self._feet = [
-            FramePoseTask(kin.frame_id(roles[r]), linear["foot"], foot_turn) for r in ("left_sole", "right_sole")
-        ]
-        self._com = CenterOfMassTask(linear["com"])
-        self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
-        self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
-        self._hands = [FramePositionTask(kin.frame_id(roles[r]), linear["hand"]) for r in ("left_hand", "right_hand")]
-        self._posture = PostureTask(len(self.robot.joints), angular["posture"])
-        levels: list[list[Task]] = [[*self._feet], [self._com], [self._base], [self._torso]]
-        if with_hands:
-            levels.append([*self._hands])
-        levels.append([self._posture])
-        for task in (*self._feet, self._com):
-            task.without_drift = self.config.without_drift
-        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min)
-
     def reset(self, state: RobotState) -> None:
         """Start from a state at rest: the torques measured there are the first tau_prev."""
         self.kin.update(state.q, state.v)
@@ -152,7 +119,9 @@ class WholeBodyController:
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
-        self._set_references(reference)
+        if self.config.without_drift:
+            self.kin.update_drift()
+        self._tasks.set_references(reference)
         return self.kinwbc.solve(self.kinwbc.evaluate(self.kin))
 
     def tick(self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()) -> TickResult:
@@ -179,7 +148,7 @@ class WholeBodyController:
         if self.config.without_drift:
             kin.update_drift()
         marks.append(self._clock())
-        self._set_references(reference)
+        self._tasks.set_references(reference)
         levels = self.kinwbc.evaluate(kin)
         marks.append(self._clock())
         v_des = self.kinwbc.solve(levels)
@@ -250,44 +219,8 @@ class WholeBodyController:
             return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
         feet = self._stance_jacobian(levels[0][0], in_contact)
         balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
-        hands = levels[4][0] if self._with_hands else None
+        hands = levels[4][0] if self._tasks.with_hands else None
         return self.filter.apply(rows, v_des, feet, balance, hands)
-
-    def _set_references(self, reference: WholeBodyReference) -> None:
-        parts = zip(self._feet, reference.soles, reference.sole_rotations, reference.sole_turns, strict=True)
-        for task, point, rotation, turn in parts:
-            task.position, task.rotation = point.position, rotation
-            task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
-            task.velocity[5], task.acceleration[5] = turn
-        self._set_com(reference)
-        self._base.rotation = reference.base_rotation
-        self._torso.rotation = reference.torso_rotation
-        self._base.angular_velocity[2] = self._torso.angular_velocity[2] = reference.turn_rate
-        self._posture.joints = reference.joints
-        if reference.hands is None and self._with_hands:
-            raise ValueError("the hands are tasks of this controller, but the reference gives none")
-        if reference.hands is not None:
-            for hand, point in zip(self._hands, reference.hands, strict=True):
-                hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration
-
-    def _set_com(self, reference: WholeBodyReference) -> None:
-        """The CoM's task: its own reference, or horizontally what the feedback of the DCM asks for."""
-        point, dcm, task = reference.com, reference.dcm, self._com
-        task.position, task.velocity, task.acceleration = point.position, point.velocity, point.acceleration
-        if dcm is None:
-            return
-        kin, gains = self.kin, self.config.dynwbc
-        measured = kin.com[:2] + kin.com_velocity[:2] / dcm.omega
-        zmp = zmp_command(measured, dcm, self.config.balance.dcm_gain)
-        centres = np.array([p.position[:2] for p in reference.soles])
-        yaws = np.array([math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations])
-        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
-        task.position, task.velocity = point.position.copy(), point.velocity.copy()
-        task.acceleration = point.acceleration.copy()
-        # eq. (15) turns this velocity into exactly the acceleration of the pendulum
-        task.position[:2] = kin.com[:2]
-        task.velocity[:2] = (gains.kd / (gains.kd + gains.kp * self.config.dt)) * kin.com_velocity[:2]
-        task.acceleration[:2] = dcm.omega**2 * (kin.com[:2] - zmp)
 
     def _stance_jacobian(self, feet: Array, in_contact: Mask) -> Array:
         """Rows of the feet's Jacobians (12, nv) that the filter is to leave alone.

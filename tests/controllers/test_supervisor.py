@@ -63,6 +63,16 @@ def test_every_bad_entry_is_named(robot: RobotDescription, value: float) -> None
             assert fault == f"measured {name} is {value:g}"
 
 
+@pytest.mark.parametrize("value", [np.nan, np.inf, -1.1 * LARGEST])
+def test_a_bad_force_under_a_foot_is_named(robot: RobotDescription, value: float) -> None:
+    state = replace(at_rest(robot), foot_forces=np.array([150.0, 160.0]))
+    assert describe_fault(robot, state) is None
+    for i, foot in enumerate(("left", "right")):
+        fault = describe_fault(robot, with_entry(state, "foot_forces", i, value))
+        assert fault == f"measured force on the {foot} sole is {value:g}"
+    assert "2" in (describe_fault(robot, replace(state, foot_forces=np.zeros(3))) or "")
+
+
 def test_a_sound_state_has_no_fault(robot: RobotDescription) -> None:
     rng = np.random.default_rng(0)
     for _ in range(100):

@@ -1,0 +1,103 @@
+"""The tasks of KinWBC in their order of priority, and what a reference sets in them."""
+
+import math
+
+import numpy as np
+
+from controllers.balance import clip_to_support, zmp_command
+from controllers.config import ControllerConfig
+from controllers.reference import WholeBodyReference
+from robots.kinematics import Kinematics
+from robots.messages import Array
+from wbc.kinwbc import KinWbc
+from wbc.tasks import (
+    CenterOfMassTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+    TaskGains,
+)
+
+
+class TaskStack:
+    """Soles; CoM; orientation of the base; orientation of the torso; hands, where they are tasks; posture.
+
+    Attributes:
+        kinwbc: the solver, with the tasks in their levels.
+        with_hands: whether the hands are tasks.
+    """
+
+    def __init__(self, kin: Kinematics, config: ControllerConfig, with_hands: bool, half_sizes: Array) -> None:
+        """For one robot.
+
+        Args:
+            kin: kinematics; references are set, and tasks evaluated, at its state.
+            config: gains and the laws they go through.
+            with_hands: whether the hands are tasks.
+            half_sizes: shape (2, 2) half length and half width of each sole that the ZMP may use [m].
+        """
+        self._kin, self._config, self._half_sizes = kin, config, half_sizes
+        self.with_hands = with_hands
+        t, roles = config.tasks, kin.robot.roles
+        rate = config.dynwbc.kd + config.dynwbc.kp * config.dt
+        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com", "hand")}
+        angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
+        foot_turn = TaskGains(t.foot, t.max_angular, rate)
+        self._feet = [
+            FramePoseTask(kin.frame_id(roles[r]), linear["foot"], foot_turn) for r in ("left_sole", "right_sole")
+        ]
+        self._com = CenterOfMassTask(linear["com"])
+        self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
+        self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
+        self._hands = [FramePositionTask(kin.frame_id(roles[r]), linear["hand"]) for r in ("left_hand", "right_hand")]
+        self._posture = PostureTask(len(kin.joint_names), angular["posture"])
+        levels: list[list[Task]] = [[*self._feet], [self._com], [self._base], [self._torso]]
+        if with_hands:
+            levels.append([*self._hands])
+        levels.append([self._posture])
+        for task in (*self._feet, self._com):
+            task.without_drift = config.without_drift
+        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min)
+
+    def set_references(self, reference: WholeBodyReference) -> None:
+        """Take over what a reference asks for now.
+
+        Raises:
+            ValueError: it gives no hands although they are tasks.
+        """
+        parts = zip(self._feet, reference.soles, reference.sole_rotations, reference.sole_turns, strict=True)
+        for task, point, rotation, turn in parts:
+            task.position, task.rotation = point.position, rotation
+            task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
+            task.velocity[5], task.acceleration[5] = turn
+        self._set_com(reference)
+        self._base.rotation = reference.base_rotation
+        self._torso.rotation = reference.torso_rotation
+        self._base.angular_velocity[2] = self._torso.angular_velocity[2] = reference.turn_rate
+        self._posture.joints = reference.joints
+        if reference.hands is None and self.with_hands:
+            raise ValueError("the hands are tasks of this controller, but the reference gives none")
+        if reference.hands is not None:
+            for hand, point in zip(self._hands, reference.hands, strict=True):
+                hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration
+
+    def _set_com(self, reference: WholeBodyReference) -> None:
+        """The CoM's task: its own reference, or horizontally what the feedback of the DCM asks for."""
+        point, dcm, task = reference.com, reference.dcm, self._com
+        task.position, task.velocity, task.acceleration = point.position, point.velocity, point.acceleration
+        if dcm is None:
+            return
+        kin, gains = self._kin, self._config.dynwbc
+        measured = kin.com[:2] + kin.com_velocity[:2] / dcm.omega
+        zmp = zmp_command(measured, dcm, self._config.balance.dcm_gain)
+        centres = np.array([p.position[:2] for p in reference.soles])
+        yaws = np.array([math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations])
+        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
+        task.position, task.velocity = point.position.copy(), point.velocity.copy()
+        task.acceleration = point.acceleration.copy()
+        # eq. (15) turns this velocity into exactly the acceleration of the pendulum
+        task.position[:2] = kin.com[:2]
+        task.velocity[:2] = (gains.kd / (gains.kd + gains.kp * self._config.dt)) * kin.com_velocity[:2]
+        task.acceleration[:2] = dcm.omega**2 * (kin.com[:2] - zmp)

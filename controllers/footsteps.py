@@ -126,6 +126,9 @@ class StepLimits:
 class VelocityFootsteps:
     r"""Footholds under a body that moves at the commanded velocity, and turns about itself.
 
+    Where a velocity to the side asks one foot for a place nearer to the other than the bounds allow, that foot comes
+    down on the bound, and the other one makes its step the longer for it.
+
     The body's path is :math:`X_{k+1} = X_k \operatorname{Exp}(v T)`; the feet stand at half the width to its left and
     right, in turn. The standing foot tells where :math:`X_k` is: errors of earlier steps are not carried on.
 
@@ -148,4 +151,8 @@ class VelocityFootsteps:
         a, b = (1.0, 0.5 * turn) if abs(turn) < 1e-6 else (math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn)
         x = reach * (a * command.vx - b * command.vy)
         y = reach * (b * command.vx + a * command.vy)
+        # what a trailing foot may not come closer, the leading one goes further
+        missing = max(0.0, abs(y) - (self.limits.width - self.limits.narrowest))
+        if missing > 0.0 and y * half > 0.0:
+            y += math.copysign(missing, y)
         return self.limits.clamp(stance, body.compose(x, y, turn).compose(0.0, half, 0.0), swing)

@@ -122,7 +122,8 @@ class WalkTuning:
 
     def fastest(self, width: float) -> VelocityCommand:
         """Largest velocity in each direction that the bounds of footholds allow, feet ``width`` apart [m]."""
-        sideways = width * min(1.0 - self.narrowest, self.widest - 1.0)
+        # the leading foot goes 1 + v, or where the trailing one stops at the narrowest, narrowest + 2 v
+        sideways = width * min(self.widest - 1.0, 0.5 * (self.widest - self.narrowest))
         return VelocityCommand(self.forward / self.period, sideways / self.period, self.turn / self.period)
 
 

@@ -10,7 +10,7 @@ import pytest
 
 import experiments
 from controllers.command_script import CommandedWalk, CommandScript, between, read_script, require_reachable
-from controllers.footsteps import VelocityCommand
+from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
 from controllers.motions import CarriedHands
 from controllers.reference import PointReference, WholeBodyReference, reference_here
 from controllers.walking import Walking
@@ -125,12 +125,19 @@ def test_the_robot_stands_before_and_after() -> None:
     assert [command(t).walks for t in (0.0, 0.998, 1.0, 4.998, 5.0, 9.0)] == [False, False, True, True, False, False]
 
 
-def test_the_fastest_command_is_the_first_that_the_footholds_clamp() -> None:
-    tuning, width = WalkTuning(), 0.24
+@pytest.mark.parametrize("tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1)])
+def test_the_fastest_command_is_the_last_that_the_footholds_follow(tuning: WalkTuning) -> None:
+    width = 0.24
     fastest, limits = tuning.fastest(width), tuning.limits(width)
-    # over two steps sideways, one foot goes out by width + vy T and the other one in by width - vy T
-    assert width - fastest.vy * tuning.period >= limits.narrowest - 1e-12
-    assert width + fastest.vy * tuning.period <= limits.widest + 1e-12
+    planner = VelocityFootsteps(limits, tuning.period)
+
+    def two_steps(vy: float) -> float:
+        start = Foothold(0.0, 0.0, 0.0)
+        other = planner.next_foothold(start, LEFT, VelocityCommand(vy=vy))
+        return planner.next_foothold(other, RIGHT, VelocityCommand(vy=vy)).y
+
+    assert two_steps(fastest.vy) == pytest.approx(2 * fastest.vy * tuning.period, abs=1e-12)
+    assert two_steps(1.05 * fastest.vy) < 2.09 * fastest.vy * tuning.period
     assert fastest.vx * tuning.period == pytest.approx(limits.forward)
     assert fastest.wz * tuning.period == pytest.approx(limits.turn)
     require_reachable(fastest, fastest)

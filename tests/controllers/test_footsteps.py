@@ -41,6 +41,18 @@ def test_the_body_moves_as_commanded(vx: float, vy: float, wz: float) -> None:
         assert yaw == pytest.approx(math.remainder(wz * PERIOD, math.tau), abs=1e-12)
 
 
+@given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3))
+def test_two_steps_go_as_far_to_the_side_as_commanded_where_the_feet_may_not_come_close(vx: float, vy: float) -> None:
+    """The trailing foot stops at the bound; the pair of steps makes the way all the same."""
+    limits = StepLimits(width=0.24, forward=5.0, narrowest=0.2, widest=5.0, turn=3.0)
+    feet = walk(VelocityCommand(vx, vy, 0.0), 8, limits)
+    for before, after in zip(feet[1:-2], feet[3:], strict=True):
+        x, y, _ = before.relative(after)
+        assert (x, y) == pytest.approx((2 * vx * PERIOD, 2 * vy * PERIOD), abs=1e-9)
+    for a, b in pairwise(feet):
+        assert abs(a.relative(b)[1]) >= 0.2 - 1e-9
+
+
 def test_stepping_on_the_spot_brings_the_feet_side_by_side() -> None:
     planner = VelocityFootsteps(WIDE, PERIOD)
     stance = Foothold(1.0, 2.0, 0.7)

@@ -45,7 +45,7 @@ class CommandScript:
     """Commands that hold from their times on; before the first one the robot stands.
 
     Args:
-        times: not decreasing, 0 or above [s].
+        times: increasing, 0 or above [s].
         commands: as many.
 
     Raises:

@@ -83,7 +83,12 @@ class Foothold:
 
 
 class FootstepPlanner(Protocol):
-    """Chooses footholds. Anything with this method can take the place of :class:`VelocityFootsteps`."""
+    """Chooses footholds. Anything with this method can take the place of :class:`VelocityFootsteps`.
+
+    It is asked for steps that lie further ahead as well, each from the foothold before, and again when plans change:
+    its answer may depend on nothing but the arguments. Footholds are taken as they are; only those that a disturbance
+    moves are kept within the bounds of :class:`StepLimits`.
+    """
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
         """Where the foot ``swing`` (``LEFT`` or ``RIGHT``) is to come down, the other one standing at ``stance``."""

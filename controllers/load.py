@@ -1,5 +1,7 @@
 """How heavy the robot really is, from the forces under its feet."""
 
+import math
+
 from robots.checks import require_positive
 from robots.messages import Array
 from wbc.wrench import GRAVITY
@@ -30,7 +32,12 @@ class LoadEstimator:
         self.scale = 1.0
 
     def update(self, foot_forces: Array, dt: float) -> float:
-        """Take in the vertical forces (2,) [N] of one tick of ``dt`` [s]; returns the estimate."""
-        measured = min(max(float(foot_forces.sum()) / self._weight, LIGHTEST), HEAVIEST)
+        """Take in the vertical forces (2,) [N] of one tick of ``dt`` [s]; returns the estimate.
+
+        Forces that are not finite leave it as it is.
+        """
+        if not math.isfinite(total := float(foot_forces.sum())):
+            return self.scale
+        measured = min(max(total / self._weight, LIGHTEST), HEAVIEST)
         self.scale += (measured - self.scale) * min(1.0, dt / self._time_constant)
         return self.scale

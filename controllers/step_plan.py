@@ -1,15 +1,15 @@
 """From footholds ahead to the plan of ZMP and DCM."""
 
 import math
-from dataclasses import replace
 
 from controllers.footsteps import Foothold, FootstepPlanner, VelocityCommand
 from controllers.lipm import DcmPlan, ZmpPhase, waypoint
 from controllers.walking_config import WalkTuning
+from robots.errors import ConfigError
 from robots.messages import Array
 
 LOOKAHEAD = 3
-"""Steps that a plan looks ahead: what lies beyond moves its DCM by less than a hundredth of a millimetre."""
+"""Steps that a plan looks ahead: what lies beyond moves its DCM by less than a millimetre until it is made anew."""
 
 CLOSED_DISTANCE, CLOSED_TURN = 0.025, 0.06
 """Feet this close [m, rad] to where a closing step would put them stand side by side."""
@@ -21,16 +21,24 @@ class StepPlan:
     In single support the ZMP stays at the standing sole's centre, in double support it goes to the next one. A plan
     ends between the feet, at rest: after the step that closes them where the command is not to walk, else after
     ``LOOKAHEAD`` steps.
-
-    Attributes:
-        planner: chooses footholds.
     """
 
     def __init__(self, planner: FootstepPlanner, tuning: WalkTuning, omega: float) -> None:
-        """Times are those of ``tuning``; ``omega`` is the pendulum's [1/s]."""
-        self.planner = planner
+        """``planner`` chooses footholds; times are those of ``tuning``; ``omega`` is the pendulum's [1/s]."""
+        self._planner = planner
         self._tuning = tuning
         self._omega = omega
+
+    def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
+        """The planner's foothold.
+
+        Raises:
+            ConfigError: it is not finite.
+        """
+        foothold = self._planner.next_foothold(stance, swing, command)
+        if not math.isfinite(foothold.x + foothold.y + foothold.yaw):
+            raise ConfigError("foothold of the planner", foothold, "of finite x, y and yaw")
+        return foothold
 
     def standing(self, middle: Array) -> DcmPlan:
         """At rest at ``middle`` (2,) [m]."""
@@ -55,7 +63,7 @@ class StepPlan:
         point, so that the plan begins with that DCM.
         """
         stance = holds[1 - swing]
-        target = self.planner.next_foothold(stance, swing, command)
+        target = self.next_foothold(stance, swing, command)
         phases = self._phases(stance, swing, target, self._tuning.single_support, command)
         if start is None:
             return DcmPlan([ZmpPhase(holds[swing].point, stance.point, duration), *phases], self._omega)
@@ -67,7 +75,7 @@ class StepPlan:
 
     def closed(self, stance: Foothold, foothold: Foothold, foot: int) -> bool:
         """Whether a step on the spot would leave ``foot`` at ``foothold``."""
-        would = self.planner.next_foothold(stance, foot, VelocityCommand())
+        would = self.next_foothold(stance, foot, VelocityCommand())
         x, y, yaw = foothold.relative(would)
         return math.hypot(x, y) < CLOSED_DISTANCE and abs(yaw) < CLOSED_TURN
 
@@ -75,7 +83,7 @@ class StepPlan:
         self, stance: Foothold, swing: int, target: Foothold, single: float, command: VelocityCommand
     ) -> list[ZmpPhase]:
         tuning = self._tuning
-        phases = [ZmpPhase(stance.point, stance.point, tuning.single_support)]
+        phases = [ZmpPhase(stance.point, stance.point, single)]
         standing, landing, side = stance, target, swing
         for _ in range(LOOKAHEAD):
             if not command.walks and self.closed(standing, landing, side):
@@ -84,8 +92,8 @@ class StepPlan:
             phases.append(ZmpPhase(standing.point, landing.point, tuning.double_support))
             phases.append(ZmpPhase(landing.point, landing.point, tuning.single_support))
             standing, side = landing, 1 - side
-            landing = self.planner.next_foothold(standing, side, command)
+            landing = self.next_foothold(standing, side, command)
         else:
             middle = 0.5 * (standing.point + landing.point)
             phases.append(ZmpPhase(standing.point, middle, tuning.double_support))
-        return [replace(phases[0], duration=single), *phases[1:]]
+        return phases

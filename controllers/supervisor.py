@@ -109,6 +109,11 @@ class Supervisor:
             self._stop_blindly(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
         return result.command, result
 
+    @property
+    def blind(self) -> bool:
+        """Whether the robot was stopped blindly."""
+        return self._blind_ticks >= 0
+
     def hold(self, cause: str, stamp: float) -> None:
         """Stop the task for ``cause``, from the tick at ``stamp`` [s] on, and keep balance; the first cause stays."""
         if self.cause is None:

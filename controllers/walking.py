@@ -37,14 +37,15 @@ class Walking:
     """Walks as commanded: a gait.
 
     Single and double support follow each other. Footholds are chosen when a foot lifts; under a disturbance they, and
-    the landing's time, move with the DCM. The plan is made anew, from where the feet really are, at every touchdown and
-    lift-off.
+    the landing's time, move with the DCM. The plan is made anew at every touchdown, from where the feet then really
+    are, and at every lift-off.
 
     A foot that touches the ground in the second half of its way ends its step early; one that does not touch in time
     goes on down. A foot does not lift while the DCM's error would ask for another foothold at once: both feet take the
     error back better than one. Where the DCM has left the feet, standing or in double support, a step is made at once.
 
     Attributes:
+        limits: bounds of footholds, also of those that a disturbance moves.
         support: what the robot stands on, by plan.
         steps: number of touchdowns so far.
     """
@@ -139,6 +140,9 @@ class Walking:
 
     def _enter_double(self, t: float, duration: float, start: Array | None = None) -> None:
         """The load goes to the foot that stands next; from standing, ``start`` is the DCM."""
+        if start is not None:
+            # the foot that landed last has long had its load
+            self._landed = None
         self._heeded = self._heeded.towards(self._command, self._tuning.speed_change, self._tuning.turn_change)
         self._plan = self._plans.from_double(self._feet.holds, self._swing, duration, self._heeded, start)
         self.support, self._since, self._double = Support.DOUBLE, t, duration
@@ -166,18 +170,18 @@ class Walking:
 
     def _lift(self, t: float) -> None:
         stance, foot, tuning = self._feet.holds[1 - self._swing], self._feet.holds[self._swing], self._tuning
-        self._nominal = self._target = self._plans.planner.next_foothold(stance, self._swing, self._heeded)
+        self._nominal = self._target = self._plans.next_foothold(stance, self._swing, self._heeded)
         start = np.array([foot.x, foot.y, self._feet.heights[self._swing], foot.yaw])
         self._path = SwingPath(start, self._goal(), tuning.step_height, tuning.single_support, tuning.touch_speed)
         self._single = tuning.single_support
         self._plan = self._plan_single()
         self._wanted = self._plan.evaluate(self._single).position
-        self._last = not self._heeded.walks and self._plans.closed(stance, self._target, self._swing)
+        self._last = self._closes()
         self.support, self._since = Support.SINGLE, t
 
     def _touch_down(self, t: float) -> None:
-        falling = self._falling(t - self._since)
         self._feet.keep()
+        falling = self._falling(t - self._since)
         self._path = None
         self._landed = self._swing
         self._swing = 1 - self._swing
@@ -195,6 +199,11 @@ class Walking:
         """From lift-off on, with the present foothold and landing time."""
         stance = self._feet.holds[1 - self._swing]
         return self._plans.from_lift(stance, self._swing, self._target, self._single, self._heeded)
+
+    def _closes(self) -> bool:
+        """Whether the robot may stand after this step: it is to stop, and the feet will be side by side."""
+        stance = self._feet.holds[1 - self._swing]
+        return not self._heeded.walks and self._plans.closed(stance, self._target, self._swing)
 
     def _goal(self) -> Array:
         """Where the swinging foot is to come down, with its yaw near that of its start, (4,)."""
@@ -218,6 +227,7 @@ class Walking:
         if moved > NOTICED_SHIFT or left - time > NOTICED_TIME:
             self._target, self._single = target, elapsed + time
             self._plan = self._plan_single()
+            self._last = self._closes()
             self._path.send_to(self._goal(), elapsed, time)
 
     # -- what is measured, and what is planned
@@ -252,7 +262,7 @@ class Walking:
         """
         limits = [1.0, 1.0]
         if self.support is not Support.SINGLE and self._landed is not None:
-            limits[self._landed] = min(1.0, (elapsed + self._waited) / self._tuning.load_time)
+            limits[self._landed] = min(1.0, elapsed / self._tuning.load_time)
         if self.support is Support.DOUBLE:
             gives_up = (self._double - elapsed) / self._tuning.load_time
             limits[self._swing] = max(0.0, min(limits[self._swing], gives_up))

@@ -36,7 +36,7 @@ class WalkTuning:
         catch_time: time of the double support before a step that catches a robot pushed in standing, above 0 [s].
         wait_limit: longest wait in double support for a disturbance to decay [s].
         wait_shift: shift of the next foothold that a disturbance must not ask for, for the foot to lift, above 0 [m].
-        touch_share: share of the weight that counts as touching the ground.
+        touch_share: share of the weight that counts as touching the ground, in (0, 1].
         late_limit: longest wait for a foot that does not touch in time [s].
         touch_speed: downward speed at which a foot comes to the ground, and goes on down where there is none yet,
             above 0 [m/s].
@@ -106,6 +106,7 @@ class WalkTuning:
             raise ConfigError("walking load_time", self.load_time, allowed)
         for name in ("late_limit", "wait_limit", "touch_depth", "gain_scale"):
             require_non_negative(f"walking {name}", getattr(self, name))
+        require_positive("walking touch_share", self.touch_share)
         for name in ("zmp_share", "touch_share"):
             require_between(f"walking {name}", getattr(self, name), 0.0, 1.0)
         require_between("walking narrowest", self.narrowest, 0.1, 1.0)

@@ -54,7 +54,7 @@ class WalkingReference:
         for foot in (LEFT, RIGHT):
             hold, point = feet.holds[foot], reference.soles[foot]
             point.position = np.array([hold.x, hold.y, feet.heights[foot]])
-            point.velocity = point.acceleration = np.zeros(3)
+            point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
         if swing is not None:
             foot, path = swing
             point = reference.soles[foot]

@@ -199,8 +199,10 @@ class WholeBodyController:
         )
 
     def _estimate_load(self, state: RobotState) -> float:
-        if self.load is None or state.foot_forces is None:
+        if self.load is None:
             return 1.0
+        if state.foot_forces is None:
+            return self.load.scale
         return self.load.update(state.foot_forces, self.config.dt)
 
     def _barrier_rows(self, obstacles: Sequence[Obstacle]) -> BarrierRows:

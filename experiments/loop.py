@@ -35,6 +35,9 @@ FALL_HEIGHT = 0.6
 AFTERMATH = 0.5
 """Time that is still simulated after a fall or a stop [s]."""
 
+GAIT_AFTERMATH = 4.0
+"""The same after a stop that leaves it to a gait to come to rest on both feet [s]."""
+
 
 @dataclass(slots=True)
 class LoopOutcome:
@@ -143,7 +146,8 @@ class ClosedLoop:
                 fell_at = self.plant.time
                 end = min(end, t + AFTERMATH)
             if self.supervisor.cause is not None:
-                end = min(end, self.supervisor.stopped_at + AFTERMATH)
+                rest = AFTERMATH if self.gait is None or self.supervisor.blind else GAIT_AFTERMATH
+                end = min(end, self.supervisor.stopped_at + rest)
             if self.progress is not None and i % 50 == 0:
                 self.progress(t)
         if self.progress is not None:
@@ -171,6 +175,9 @@ class ClosedLoop:
                 self.gait.apply(self.reference, t, state)
         for motion in self.motions:
             motion.apply(self.reference, min(t, self.supervisor.stopped_at) if stopped else t)
+        if stopped:
+            for hand in self.reference.hands or ():
+                hand.velocity, hand.acceleration = np.zeros(3), np.zeros(3)
 
     def _believed_obstacles(self, t: float) -> list[Obstacle]:
         """What the controller is told of obstacles; a track that is too old stops the robot."""

@@ -140,7 +140,7 @@ class LateralStepsOptions(RunOptions):
 class WalkOptions(RunOptions):
     """Walk at a commanded velocity of the body, or by a script of commands.
 
-    The robot stands for the first second, and is told to stop 3 s before the end: every run shows start and stop.
+    The robot stands for the first second, and is told to stop 3 s before the end.
     Without a script and with --vx 0 --vy 0 --wz 0 it steps on the spot.
     """
 

@@ -53,7 +53,7 @@ class Push:
 
     def at(self, t: float) -> Array:
         """Its force (3,) at ``t`` [s], world axes [N]."""
-        if not self.time <= t < self.time + PUSH_TIME - 1e-9:
+        if not -1e-9 <= t - self.time < PUSH_TIME - 1e-9:
             return np.zeros(3)
         angle = math.radians(self.direction)
         return self.force * np.array([math.cos(angle), math.sin(angle), 0.0])
@@ -74,6 +74,19 @@ def parse_push(text: str) -> Push:
         if isinstance(error, ConfigError):
             raise
         raise ConfigError("push", text, allowed) from error
+
+
+def parse_pushes(texts: Sequence[str], duration: float) -> list[Push]:
+    """The pushes of a run of ``duration`` [s], as :func:`parse_push` reads them.
+
+    Raises:
+        ConfigError: one of them is no push, or begins after the end of the run.
+    """
+    pushes = [parse_push(text) for text in texts]
+    for push, text in zip(pushes, texts, strict=True):
+        if push.time >= duration:
+            raise ConfigError("push", text, f"within the run's {duration:g} s")
+    return pushes
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,9 +41,6 @@ MAX_STEPS = 600_000
 SETTLE = 1.5
 """Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
 
-SETTLE = 1.5
-"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
-
 
 def plant_config(options: PlantOptions) -> PlantConfig:
     """The plant's configuration of command-line options.

@@ -15,7 +15,7 @@ from controllers.torque_modes import TORQUE_MODES
 from experiments.hand_tracking import arm_length
 from experiments.options import TaichiOptions
 from experiments.results import RunResult
-from experiments.scenario import Scenario, Series, parse_push
+from experiments.scenario import Scenario, Series, parse_pushes
 from experiments.session import check_options, filter_changes, run
 from robots.checks import require_one_of
 from robots.description import RobotDescription
@@ -52,8 +52,7 @@ def check_taichi(options: TaichiOptions) -> RobotDescription:
         SafeWbcError: an option, or the description's ``[tuning.taichi]``, is not allowed.
     """
     require_one_of("torque", options.torque, TORQUE_MODES)
-    for text in options.push:
-        parse_push(text)
+    parse_pushes(options.push, options.duration)
     robot = check_options(options)
     from_table(OneLegTuning, robot, "taichi")
     return robot
@@ -83,7 +82,7 @@ def run_taichi(options: TaichiOptions, progress: Callable[[float], None] | None 
         "taichi",
         hands=hands,
         gait=gait,
-        pushes=[parse_push(text) for text in options.push],
+        pushes=parse_pushes(options.push, options.duration),
         changes=_changes(robot, options),
         figures=taichi_figures,
     )

@@ -18,7 +18,7 @@ from experiments.encounter import BESIDE, Beside, SensorSettings, sphere_beside
 from experiments.locomotion_figures import walk_figures
 from experiments.options import WalkOptions
 from experiments.results import RunResult
-from experiments.scenario import MakeEncounter, Scenario, parse_push
+from experiments.scenario import MakeEncounter, Scenario, parse_pushes
 from experiments.session import check_options, run
 from robots.checks import require_one_of
 from robots.description import RobotDescription
@@ -54,7 +54,7 @@ def run_walk(options: WalkOptions, progress: Callable[[float], None] | None = No
     scenario = dataclasses.replace(
         walk_scenario(robot, command, options.load_estimate, options.hands),
         encounter=_encounter(options, robot),
-        pushes=[parse_push(text) for text in options.push],
+        pushes=parse_pushes(options.push, options.duration),
     )
     return with_commands(run(scenario, options, progress), command)
 
@@ -98,8 +98,7 @@ def check_walk(options: WalkOptions) -> RobotDescription:
     """
     robot = check_options(options)
     robot.posture(_posture(options.hands))
-    for text in options.push:
-        parse_push(text)
+    parse_pushes(options.push, options.duration)
     shortest = FIRST + LAST
     if options.duration <= shortest:
         allowed = f"above {shortest:g} s: the robot stands for {FIRST:g} s first and stops {LAST:g} s before the end"

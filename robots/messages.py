@@ -25,7 +25,7 @@ class RobotState:
             frame, joint velocities [rad/s]].
         tau: shape (nj,) motor torques [N m].
         stamp: time of measurement [s].
-        foot_forces: shape (2,) vertical force on left and right sole [N]; ``None`` where it is not measured.
+        foot_forces: shape (2,) force along the normal of left and right sole [N]; ``None`` where it is not measured.
     """
 
     q: Array

@@ -174,7 +174,7 @@ class MujocoPlant:
         self._pending.append((self._steps + self._delay_steps, command))
 
     def push(self, force: Array) -> None:
-        """Push the torso with ``force`` (3,), world axes, at its body's origin, until another is given [N]."""
+        """Push the torso with ``force`` (3,), world axes, at its body's centre of mass, until another is given [N]."""
         body = self.robot.frame(self.robot.roles["torso"]).body
         self.data.xfrc_applied[self.data.body(body).id, :3] = force
 

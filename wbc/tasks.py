@@ -48,8 +48,8 @@ class Task(ABC):
     Attributes:
         rows: of the Jacobian.
         without_drift: take :math:`\dot J v / a` off the command, for eq. (15) of Lee et al. to give the acceleration
-            that was asked for: at the level of velocities it does not know that term. The kinematics' drift must then
-            be up to date.
+            that was asked for: at the level of velocities it does not know that term. Heeded by the CoM and by poses of
+            frames; the kinematics' drift must then be up to date.
     """
 
     rows: int

@@ -117,6 +117,55 @@ def test_com_velocity_is_the_derivative_of_the_com(kin: Kinematics) -> None:
     np.testing.assert_allclose(kin.com_velocity, kin.com_jacobian @ kin.v, rtol=0, atol=1e-12)
 
 
+def test_drifts_are_the_rates_of_velocities_at_constant_rates(kin: Kinematics) -> None:
+    """Central differences of CoM and frame velocities along v, whose components are kept."""
+    kin.update_drift()
+    ends = [Kinematics(kin.robot), Kinematics(kin.robot)]
+    for other, step in zip(ends, (-STEP, STEP), strict=True):
+        other.update(kin.integrate(kin.q, kin.v, step), kin.v)
+    difference = (ends[1].com_velocity - ends[0].com_velocity) / (2 * STEP)
+    np.testing.assert_allclose(kin.com_drift, difference, rtol=0, atol=1e-7)
+    assert np.linalg.norm(difference) > 0.1
+    for role in ("left_sole", "right_sole", "left_hand", "torso", "base"):
+        i = kin.frame_id(kin.robot.roles[role])
+        difference = (ends[1].frame_velocity(i) - ends[0].frame_velocity(i)) / (2 * STEP)
+        np.testing.assert_allclose(kin.frame_drift(i), difference, rtol=0, atol=1e-6)
+
+
+def test_drifts_vanish_at_rest_and_follow_the_last_update(kin: Kinematics) -> None:
+    kin.update_drift()
+    moving = kin.com_drift.copy()
+    kin.update(kin.q, np.zeros(kin.nv))
+    kin.update_drift()
+    np.testing.assert_allclose(kin.com_drift, 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(kin.frame_drift(kin.frame_id("torso")), 0.0, rtol=0, atol=1e-12)
+    kin.update(*random_state(kin, 2))
+    kin.update_drift()
+    np.testing.assert_allclose(kin.com_drift, moving, rtol=0, atol=1e-12)
+
+
+def test_drifts_leave_everything_else_as_it_was(kin: Kinematics) -> None:
+    """Above all the rows of second order, which come later in a tick."""
+    kin.update_second_order()
+    names = (*VIEWS, "joint_velocities", "joint_accelerations")
+    before = [getattr(kin, name).copy() for name in names]
+    kin.update_drift()
+    kin.update_second_order()
+    for name, value in zip(names, before, strict=True):
+        np.testing.assert_allclose(getattr(kin, name), value, rtol=0, atol=1e-11, err_msg=name)
+
+
+def test_update_center_of_mass_gives_the_same_com_and_places(kin: Kinematics) -> None:
+    other = Kinematics(kin.robot)
+    other.update_center_of_mass(kin.q, kin.v)
+    np.testing.assert_allclose(other.com, kin.com, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(other.com_velocity, kin.com_velocity, rtol=0, atol=1e-12)
+    for frame in kin.robot.frames:
+        i = kin.frame_id(frame.name)
+        for a, b in zip(other.frame_placement(i), kin.frame_placement(i), strict=True):
+            np.testing.assert_allclose(a, b, rtol=0, atol=1e-13)
+
+
 def test_bias_at_rest_is_the_gradient_of_potential_energy(kin: Kinematics) -> None:
     kin.update(kin.q, np.zeros(kin.nv))
     gradient = np.empty(kin.nv)

@@ -336,3 +336,65 @@ def test_unknown_soles_and_solvers_are_refused() -> None:
         DynWbc(kin, [SoleContact("no_such_sole", 0.1, 0.05, 0.6)], DynWbcWeights())
     with pytest.raises(ConfigError, match="daqp, proxqp"):
         controller(kin, solver="quadprog")
+
+
+# --- the load: how heavy the robot is, and what each foot may carry
+
+
+@pytest.mark.parametrize("scale", [0.8, 1.25])
+def test_a_load_scale_is_a_model_with_all_masses_scaled(kin: Kinematics, scale: float) -> None:
+    """Base and torques of the maps solve scale (M q_dd + h) = S^T tau + J^T F, for any joint acceleration and force."""
+    rng = np.random.default_rng(11)
+    dynwbc = controller(kin)
+    problem = dynwbc.build(kin, rng.normal(size=kin.nv), weight_on_both(kin), BOTH, load_scale=scale)
+    x = rng.normal(size=dynwbc.nx)
+    base = problem.base[0] @ x + problem.base[1]
+    torque = problem.torque[0] @ x + problem.torque[1]
+    acceleration = np.concatenate([base, x[: dynwbc.nj]])
+    forces = dynwbc.contact_jacobian(kin, BOTH).T @ x[dynwbc.nj :]
+    left = scale * (kin.mass_matrix @ acceleration + kin.bias) - forces
+    np.testing.assert_allclose(left, np.concatenate([np.zeros(6), torque]), rtol=0, atol=1e-7)
+
+
+def test_a_scaled_load_is_carried(kin: Kinematics) -> None:
+    """At rest: forces sum to the scaled weight when the reference says so; the model's own matrices are left alone."""
+    kin.update(standing_configuration(kin.robot), np.zeros(kin.nv))
+    before = kin.mass_matrix.copy(), kin.bias.copy()
+    dynwbc = controller(kin)
+    result = dynwbc.solve(dynwbc.build(kin, np.zeros(kin.nv), 1.2 * weight_on_both(kin), BOTH, load_scale=1.2))
+    assert result.status == "optimal"
+    np.testing.assert_array_equal(kin.mass_matrix, before[0])
+    np.testing.assert_array_equal(kin.bias, before[1])
+    weight = kin.robot.total_mass * GRAVITY
+    assert result.wrench[[2, 8]].sum() == pytest.approx(1.2 * weight, rel=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1.2])
+@pytest.mark.parametrize("limits", [(0.0, 1.0), (1.0, 0.2), (0.3, 1.5), (1.0, 1.0)])
+def test_a_foot_carries_no_more_than_its_limit(kin: Kinematics, limits: tuple[float, float], scale: float) -> None:
+    """Of the scaled weight; with half of it asked of each foot, the limit is met where it is below that."""
+    kin.update(standing_configuration(kin.robot), np.zeros(kin.nv))
+    dynwbc, other = controller(kin), controller(kin)
+    wrench = scale * weight_on_both(kin)
+    args = (kin, np.zeros(kin.nv), wrench, BOTH)
+    free = other.solve(other.build(*args, load_scale=scale))
+    result = dynwbc.solve(dynwbc.build(*args, load_scale=scale, load_limits=np.array(limits)))
+    assert result.status == "optimal"
+    weight = scale * kin.robot.total_mass * GRAVITY
+    for foot, limit in enumerate(limits):
+        normal = result.wrench[6 * foot + 2]
+        if limit < 1.0:
+            assert normal == pytest.approx(min(limit * weight, free.wrench[6 * foot + 2]), abs=1e-4 * weight)
+            assert normal <= limit * weight + 1e-6 * weight
+    if min(limits) >= 1.0:
+        np.testing.assert_allclose(result.wrench, free.wrench, rtol=0, atol=1e-6 * weight)
+
+
+def test_a_limit_does_not_load_a_foot_in_the_air(kin: Kinematics) -> None:
+    kin.update(standing_configuration(kin.robot), np.zeros(kin.nv))
+    dynwbc = controller(kin)
+    left = np.array([True, False])
+    problem = dynwbc.build(kin, np.zeros(kin.nv), weight_on_both(kin), left, load_limits=np.array([1.0, 0.7]))
+    result = dynwbc.solve(problem)
+    assert result.status == "optimal"
+    np.testing.assert_allclose(result.wrench[6:], 0.0, rtol=0, atol=1e-6)

@@ -262,3 +262,36 @@ def test_reading_a_task_twice_gives_the_same(kin: Kinematics) -> None:
         first = [x.copy() for x in task.evaluate(kin)]
         for a, b in zip(first, task.evaluate(kin), strict=True):
             assert np.array_equal(a, b), name
+
+
+@pytest.mark.parametrize("name", ["com", "pose of left_sole", "pose of right_sole"])
+def test_without_drift_a_moving_robot_gets_the_acceleration_asked_for(kin: Kinematics, name: str) -> None:
+    """Eq. (15), from the measured velocity on: J q_dd + J_dot v is the reference's acceleration, and not without."""
+    q, v = random_state(kin, np.random.default_rng(12))
+    dt, weights = 0.004, DynWbcWeights(kp=300.0, kd=30.0)
+    gain = weights.kd + weights.kp * dt
+    soles = [SoleContact(sole.frame, sole.half_length, sole.half_width, 0.6) for sole in kin.robot.soles]
+    task = tasks(kin, TaskGains(8.0, acceleration_gain=gain))[name]
+    rates = []
+    for side in (-1, 1):
+        kin.update(kin.integrate(q, v, side * STEP), v)
+        rates.append(task.evaluate(kin)[0] @ v)
+    drift = (rates[1] - rates[0]) / (2 * STEP)
+    kin.update(q, v)
+    kin.update_drift()
+    aim(task, placement(task, kin, q))
+    jacobian = task.evaluate(kin)[0]
+    wanted = np.arange(1.0, 1.0 + task.rows)
+    feed_velocity(task, weights.kd / gain * (jacobian @ v))
+    feed_acceleration(task, wanted.copy())
+    for without in (True, False):
+        task.without_drift = without
+        command = task.evaluate(kin)[1]
+        velocity = prioritised_velocity([(jacobian, command)], kin.nv, 1e-6)
+        acceleration = DynWbc(kin, soles, weights).acceleration_reference(velocity, v, dt)
+        actual = jacobian @ acceleration + drift
+        expected = wanted if without else wanted + drift
+        np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-5)
+    assert np.linalg.norm(drift) > 0.1
+    assert isinstance(task, CenterOfMassTask | FramePoseTask)
+    np.testing.assert_array_equal(task.acceleration, wanted)

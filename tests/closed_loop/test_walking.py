@@ -1,0 +1,119 @@
+"""Walking in closed loop: a fifth heavier than the model; a push; a stop in the middle of a step."""
+
+import dataclasses
+import functools
+
+import numpy as np
+import pytest
+
+from controllers.footsteps import VelocityCommand
+from controllers.supervisor import Supervisor
+from experiments import loop
+from experiments.options import PlantOptions, RunOptions, WalkOptions
+from experiments.results import RunResult
+from experiments.scenario import DIRECTIONS, Push
+from experiments.session import run
+from experiments.walk import run_walk, walk_scenario
+from robots.loader import load_robot
+from robots.messages import MotorCommand, RobotState
+
+SPEED = 0.2
+PUSHED_AT = 1.8
+
+
+@functools.cache
+def heavy_walk(robot: str) -> RunResult:
+    return run_walk(WalkOptions(robot=robot, duration=8.0, vx=SPEED, plant=PlantOptions(mass_scale=1.2)))
+
+
+def test_a_heavier_robot_walks_and_stops(robot_name: str) -> None:
+    summary = heavy_walk(robot_name).summary
+    assert not summary["fell"]
+    assert summary["stop_cause"] is None
+    assert summary["qp_failures"] == 0
+    assert summary["steps"] >= 6
+    assert summary["step_height_min_m"] > 0.04
+    assert summary["min_h_self_collision_m"] > 0.0
+
+
+def test_the_zmp_stays_in_the_standing_sole(robot_name: str) -> None:
+    summary = heavy_walk(robot_name).summary
+    assert summary["zmp_inside_single_fraction"] >= 0.99
+    assert summary["zmp_inside_fraction"] >= 0.99
+
+
+def test_standing_feet_do_not_slide(robot_name: str) -> None:
+    summary = heavy_walk(robot_name).summary
+    assert summary["foot_slide_max_m"] < 0.005
+
+
+def test_it_walks_as_fast_as_it_is_told(robot_name: str) -> None:
+    """Way of the soles' middle between touchdowns at full speed, two or more steps in, before the stop."""
+    series = heavy_walk(robot_name).series
+    down = np.flatnonzero((np.diff(series["in_contact"], axis=0) > 0).any(axis=1)) + 1
+    down = [i for i in down if (series["command"][i - 1] != 0.0).any()][1:]
+    middle = series["soles"][:, :, 0].mean(axis=1)
+    speed = (middle[down[-1]] - middle[down[0]]) / (series["time"][down[-1]] - series["time"][down[0]])
+    assert speed == pytest.approx(SPEED, abs=0.03)
+    # straight on, upright, and feet side by side in the end
+    assert np.abs(series["com"][-1, 1] - series["com"][0, 1]) < 0.03
+    left, right = series["soles"][-1, :, 0]
+    assert abs(left - right) < 0.03
+
+
+def test_the_estimated_load_is_the_robots(robot_name: str) -> None:
+    scale = heavy_walk(robot_name).series["load_scale"]
+    assert scale[0] == pytest.approx(1.0, abs=0.01)
+    assert np.median(scale[len(scale) // 2 :]) == pytest.approx(1.2, abs=0.03)
+
+
+def walk_until(t: float) -> VelocityCommand:
+    return VelocityCommand(vx=SPEED) if t >= 0.5 else VelocityCommand()
+
+
+def test_a_push_to_the_side_moves_a_foothold_and_the_robot_walks_on() -> None:
+    """0.15 N s per kg: the foot after the push comes down elsewhere, later ones are a width apart again."""
+    robot = load_robot("g1")
+    scenario = walk_scenario(robot, walk_until)
+    push = Push(1.5 * robot.total_mass, DIRECTIONS["left"], PUSHED_AT)
+    result = run(dataclasses.replace(scenario, pushes=(push,)), RunOptions(robot="g1", duration=4.2))
+    summary, series = result.summary, result.series
+    assert not summary["fell"]
+    assert summary["qp_failures"] == 0
+    apart = series["soles"][:, 0, 1] - series["soles"][:, 1, 1]
+    both, time = series["in_contact"].all(axis=1), series["time"]
+    start, after, later = apart[0], both & (time > PUSHED_AT) & (time < PUSHED_AT + 1.2), both & (time > 3.85)
+    assert np.abs(apart[after] - start).max() > 0.03
+    assert np.abs(apart[later] - start).max() < 0.04
+    # the push was what it says: momentum over mass
+    velocity = np.gradient(series["com"][:, 1], time)
+    gained = velocity[np.searchsorted(time, PUSHED_AT + 0.1)] - velocity[np.searchsorted(time, PUSHED_AT)]
+    assert 0.02 < gained < 0.3
+
+
+def test_a_stop_in_mid_step_ends_on_both_feet(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The supervisor holds, the gait comes to rest: both feet down, side by side, the robot standing still."""
+    stop_at, aftermath = 1.5, 2.4
+    monkeypatch.setattr(loop, "AFTERMATH", aftermath)
+    tick = Supervisor.tick
+
+    def stopping(self: Supervisor, state: RobotState, *args: object) -> tuple[MotorCommand, object]:
+        if state.stamp >= stop_at:
+            self.hold("because", state.stamp)
+        return tick(self, state, *args)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Supervisor, "tick", stopping)
+    robot = load_robot("g1")
+    result = run(walk_scenario(robot, walk_until), RunOptions(robot="g1", duration=8.0))
+    summary, series = result.summary, result.series
+    assert summary["stop_cause"] == "because"
+    assert summary["duration_s"] == pytest.approx(stop_at + aftermath, abs=0.01)
+    assert not summary["fell"]
+    at = np.searchsorted(series["time"], stop_at)
+    assert series["in_contact"][at].sum() == 1, "the stop was not in mid-step"
+    assert np.isfinite(series["v_safe"]).all(), "a hold computes on"
+    assert series["in_contact"][-1].all()
+    assert abs(series["soles"][-1, 0, 0] - series["soles"][-1, 1, 0]) < 0.03
+    assert np.abs(series["v"][-1]).max() < 0.1
+    force = series["foot_wrench"][-1, :, 2]
+    assert 0.3 < force[0] / force.sum() < 0.7

@@ -93,8 +93,7 @@ def test_a_push_to_the_side_moves_a_foothold_and_the_robot_walks_on() -> None:
 
 def test_a_stop_in_mid_step_ends_on_both_feet(monkeypatch: pytest.MonkeyPatch) -> None:
     """The supervisor holds, the gait comes to rest: both feet down, side by side, the robot standing still."""
-    stop_at, aftermath = 1.5, 2.4
-    monkeypatch.setattr(loop, "AFTERMATH", aftermath)
+    stop_at, aftermath = 1.5, loop.GAIT_AFTERMATH
     tick = Supervisor.tick
 
     def stopping(self: Supervisor, state: RobotState, *args: object) -> tuple[MotorCommand, object]:

@@ -133,6 +133,7 @@ def verdict(result: RunResult) -> list[tuple[bool, str]]:
     out = [_upright(result)]
     if cause := result.summary.get("stop_cause"):
         out.append((False, f"was stopped: {cause}"))
+    out += [(True, f"was pushed with {push}") for push in result.summary.get("pushes", ())]
     if result.series["h_self_collision"].size:
         out.append(_clearance(result))
     out += _other_barriers(result) + _promise(result) + _feet(result)

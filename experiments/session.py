@@ -189,6 +189,7 @@ def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, su
         "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
         "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
         "seed": options.seed,
+        "pushes": [f"{p.force:.3g} N towards {p.direction:.3g} deg at {p.time:.3g} s" for p in scenario.pushes],
         "stop_cause": supervisor.cause,
         "stop_time_s": supervisor.stopped_at if supervisor.cause else None,
     }

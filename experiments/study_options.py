@@ -69,7 +69,7 @@ class PushSearchOptions:
 class LocomotionTableOptions:
     """Make every run that the page on locomotion quotes, and print its tables as Markdown.
 
-    About half an hour on two cores.
+    About three quarters of an hour on two cores.
     """
 
     only: tuple[str, ...] = SECTIONS

@@ -231,11 +231,13 @@ def _share(ticks: Mask, of: Mask) -> float | None:
 
 
 def _hand_figures(series: dict[str, Array]) -> dict[str, Any]:
+    names = ("hand_rmse_m", "hand_rmse_outside_conflict_m", "min_h_reference_m", "collision_ratio")
+    out: dict[str, Any] = dict.fromkeys(names)
     if "left_hand_ref" not in series:
-        return {"hand_rmse_m": None, "collision_ratio": None}
+        return out
     squared = sum(np.sum((series[name] - series[f"{name}_ref"]) ** 2, axis=1) for name in ("left_hand", "right_hand"))
     mean = 0.5 * np.asarray(squared)
-    out: dict[str, Any] = {"hand_rmse_m": float(np.sqrt(mean.mean()))}
+    out["hand_rmse_m"] = float(np.sqrt(mean.mean()))
     if "h_self_reference" in series:
         reference = series["h_self_reference"]
         free = reference[:: len(reference) // len(mean)][: len(mean)] >= CONFLICT_MARGIN

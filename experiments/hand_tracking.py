@@ -1,16 +1,16 @@
 """Both hands follow references while the robot stands: section 5.2.1 of Lee et al."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from functools import partial
 
 import numpy as np
 
 from controllers.motions import HandCircles, HandsToTargets, Motion, circle_settings
 from controllers.reference import WholeBodyReference
-from controllers.whole_body import WholeBodyController
 from experiments.encounter import SensorSettings, passing_sphere
 from experiments.options import HandTrackingOptions
+from experiments.reference_motion import reference_motion
 from experiments.results import RunResult
 from experiments.scenario import Scenario
 from experiments.session import check_options, run
@@ -117,28 +117,3 @@ def arm_length(kin: Kinematics, side: str) -> float:
         length += float(np.linalg.norm(kin.model.jointPlacements[joint].translation))
         joint = kin.model.parents[joint]
     return length
-
-
-def reference_motion(
-    controller: WholeBodyController, reference: WholeBodyReference, motions: Sequence[Motion], duration: float
-) -> dict[str, Array]:
-    """Smallest self-collision barrier of the reference motion: KinWBC alone, integrated exactly, no filter.
-
-    This is the motion in which the paper's remaining collision ratio counts "the collisions in the reference hand
-    trajectory".
-
-    Returns:
-        ``h_self_reference``: shape (T,), one per control tick [m].
-    """
-    kin, dt = controller.kin, controller.config.dt
-    cut = slice(controller.barriers.slices["self_collision"].start, controller.barriers.slices["leg_collision"].stop)
-    q = standing_configuration(controller.robot, start_posture(controller.robot))
-    out = np.zeros(round(duration / dt))
-    rest = np.zeros(kin.nv)
-    for i in range(out.size):
-        for motion in motions:
-            motion.apply(reference, i * dt)
-        kin.update(q, rest)
-        out[i] = controller.barriers.evaluate(kin).h[cut].min(initial=np.inf)
-        q = kin.integrate(q, controller.desired_velocity(reference), dt)
-    return {"h_self_reference": out}

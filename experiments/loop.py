@@ -6,14 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from controllers.gait import Gait
-from controllers.motions import Motion
-from controllers.reference import WholeBodyReference
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
 from experiments.results import GUARANTEED, STOPPED, family_minima
-from experiments.scenario import Push
+from experiments.scenario import Cast, Push
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -82,12 +79,10 @@ class ClosedLoop:
     Args:
         plant: the plant, reset to its first posture.
         supervisor: of the controller.
-        reference: references at the start.
-        motions: what changes in them, applied before every tick.
+        cast: references at the start, and what changes them before every tick.
         encounter: an obstacle; the controller must have been made for one.
         nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
         progress: called with the simulated time [s] now and then.
-        gait: moves feet and balance, before the motions; ``None``: the robot stands on both feet.
         pushes: on the torso.
     """
 
@@ -95,22 +90,18 @@ class ClosedLoop:
         self,
         plant: MujocoPlant,
         supervisor: Supervisor,
-        reference: WholeBodyReference,
-        motions: Sequence[Motion] = (),
+        cast: Cast,
         encounter: Encounter | None = None,
         nan_at: float | None = None,
         progress: Callable[[float], None] | None = None,
-        gait: Gait | None = None,
         pushes: Sequence[Push] = (),
     ) -> None:
         self.plant = plant
         self.supervisor = supervisor
-        self.reference = reference
-        self.motions = motions
+        self.reference, self.gait, self.motions = cast.reference, cast.gait, cast.motions
         self.encounter = encounter
         self.nan_at = nan_at
         self.progress = progress
-        self.gait = gait
         self.pushes = pushes
         self.truth = TrueBarriers(plant.robot, () if encounter is None else ("sphere",))
         self.ticks: list[dict[str, Array | float | int]] = []

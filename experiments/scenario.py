@@ -26,8 +26,25 @@ DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": 270.0}
 MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
 MakeGait = Callable[[RobotDescription, RobotState], Gait]
 MakeEncounter = Callable[[RobotDescription, WholeBodyReference, np.random.Generator], Encounter]
-Extra = Callable[[WholeBodyController, WholeBodyReference, Sequence[Motion], float], dict[str, Array]]
 Series = dict[str, Array]
+
+
+@dataclass(slots=True)
+class Cast:
+    """References and what moves them, in this order.
+
+    Attributes:
+        reference: of all tasks.
+        gait: moves feet and balance; ``None``: the robot stands on both feet.
+        motions: of what the gait leaves.
+    """
+
+    reference: WholeBodyReference
+    gait: Gait | None
+    motions: Sequence[Motion]
+
+
+Extra = Callable[[WholeBodyController, Cast, Array, float], Series]
 Figures = Callable[[RobotDescription, Series], dict[str, Any]]
 
 
@@ -101,7 +118,8 @@ class Scenario:
         encounter: makes the obstacle; ``None``: there is none.
         pushes: on the torso.
         changes: fields of the controller's configuration that this scenario sets.
-        extra: further series, one value per control tick, computed before the run with a controller of their own.
+        extra: further series, one value per control tick, computed before the run from a controller and a cast of their
+            own, the first configuration (nq,) and the run's duration [s].
         figures: further figures of the summary, from the robot and the recorded series.
     """
 

@@ -16,11 +16,12 @@ from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, guarantee_figures, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
 from experiments.results import RunResult
-from experiments.scenario import Scenario
+from experiments.scenario import Cast, Scenario
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
+from robots.messages import RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
@@ -132,7 +133,8 @@ def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], Non
     shadow = None
     if scenario.extra is not None:
         controller = WholeBodyController(robot, control, with_hands=scenario.hands is not None)
-        shadow = scenario.extra(controller, loop.reference, loop.motions, options.duration)
+        start = plant.true_state()
+        shadow = scenario.extra(controller, _cast(scenario, controller, start), start.q, options.duration)
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
     outcome = loop.run(options.duration)
     series = loop.series() | {"support_polygon": polygon}
@@ -160,23 +162,25 @@ def _make_loop(
     plant.reset(q0)
     kinds = () if scenario.encounter is None else ("sphere",)
     supervisor = Supervisor(WholeBodyController(robot, control, hands, obstacle_kinds=kinds))
-    kin = supervisor.controller.kin
-    kin.update(q0, np.zeros(kin.nv))
-    reference = reference_here(kin, with_hands=hands)
-    motions: list[Motion] = []
-    gait = None
-    if scenario.gait is None:
-        motions.append(CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE))
-    else:
-        gait = scenario.gait(robot, plant.true_state())
-    if scenario.hands is not None:
-        motions.append(scenario.hands(robot, reference))
+    cast = _cast(scenario, supervisor.controller, plant.true_state())
     encounter = None
     if scenario.encounter is not None:
-        encounter = scenario.encounter(robot, reference, np.random.default_rng([options.seed, 1]))
-    return ClosedLoop(
-        plant, supervisor, reference, motions, encounter, options.nan_at, progress, gait=gait, pushes=scenario.pushes
-    )
+        encounter = scenario.encounter(robot, cast.reference, np.random.default_rng([options.seed, 1]))
+    return ClosedLoop(plant, supervisor, cast, encounter, options.nan_at, progress, scenario.pushes)
+
+
+def _cast(scenario: Scenario, controller: WholeBodyController, state: RobotState) -> Cast:
+    """References of a robot at rest in ``state``, and what the scenario lets move them."""
+    robot, kin = controller.robot, controller.kin
+    kin.update(state.q, state.v)
+    reference = reference_here(kin, with_hands=scenario.hands is not None)
+    gait = None if scenario.gait is None else scenario.gait(robot, state)
+    motions: list[Motion] = []
+    if gait is None:
+        motions.append(CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE))
+    if scenario.hands is not None:
+        motions.append(scenario.hands(robot, reference))
+    return Cast(reference, gait, motions)
 
 
 def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, supervisor: Supervisor) -> dict[str, Any]:

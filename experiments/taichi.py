@@ -14,6 +14,7 @@ from controllers.reference import WholeBodyReference
 from controllers.torque_modes import TORQUE_MODES
 from experiments.hand_tracking import arm_length
 from experiments.options import TaichiOptions
+from experiments.reference_motion import reference_motion
 from experiments.results import RunResult
 from experiments.scenario import Scenario, Series, parse_pushes
 from experiments.session import check_options, filter_changes, run
@@ -84,6 +85,7 @@ def run_taichi(options: TaichiOptions, progress: Callable[[float], None] | None 
         gait=gait,
         pushes=parse_pushes(options.push, options.duration),
         changes=_changes(robot, options),
+        extra=reference_motion,
         figures=taichi_figures,
     )
     return run(scenario, options, progress)

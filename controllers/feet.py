@@ -55,6 +55,11 @@ class Feet:
         return float(self._sole(foot)[1][2])
 
     @property
+    def places(self) -> list[Array]:
+        """Centres of left and right sole where they were last kept, (3,) each, world [m]."""
+        return [np.array([hold.x, hold.y, z]) for hold, z in zip(self.holds, self.heights, strict=True)]
+
+    @property
     def middle(self) -> Array:
         """Between the soles' centres, shape (2,) [m]."""
         return 0.5 * (self.holds[LEFT].point + self.holds[RIGHT].point)

@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from controllers.feet import Feet
 from controllers.footsteps import LEFT, Foothold, VelocityCommand
 from controllers.reference import WholeBodyReference
 from controllers.walking import Walking
@@ -11,7 +12,6 @@ from controllers.walking_config import WalkTuning
 from robots.checks import require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
-from robots.kinematics import Kinematics
 from robots.messages import RobotState
 
 
@@ -101,7 +101,7 @@ class LateralSteps:
     """
 
     def __init__(self, robot: RobotDescription, tuning: LateralStepTuning, walk: WalkTuning, state: RobotState) -> None:
-        width = foot_distance(robot, state)
+        width = Feet(robot, state).width
         self._tuning = tuning
         walk = dataclasses.replace(
             walk,
@@ -124,11 +124,3 @@ class LateralSteps:
     def stop(self) -> None:
         """See :meth:`controllers.gait.Gait.stop`."""
         self.walking.stop()
-
-
-def foot_distance(robot: RobotDescription, state: RobotState) -> float:
-    """Distance of the soles' centres, seen from the left one along its own left axis [m]."""
-    kin = Kinematics(robot)
-    kin.update(state.q, state.v)
-    (axes, left), (_, right) = (kin.frame_placement(kin.frame_id(robot.roles[r])) for r in ("left_sole", "right_sole"))
-    return abs(float(axes[:, 1] @ (right - left)))

@@ -1,11 +1,11 @@
 """Standing on one leg: the load goes over, the other foot goes up, is held there, and comes down again."""
 
-import math
 from dataclasses import dataclass
 from enum import Enum
 
 import numpy as np
 
+from controllers.feet import Feet
 from controllers.footsteps import LEFT
 from controllers.motions import quintic
 from controllers.reference import PointReference, WholeBodyReference
@@ -13,7 +13,6 @@ from controllers.support import SupportSensor
 from controllers.swing import Quintic
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.description import RobotDescription
-from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from wbc.wrench import GRAVITY
 
@@ -91,16 +90,13 @@ class OneLeg:
     def __init__(self, robot: RobotDescription, tuning: OneLegTuning, state: RobotState, stance: int = LEFT) -> None:
         """Begin in ``state``, both feet down and at rest; ``stance`` is the foot to stand on, ``LEFT`` or ``RIGHT``."""
         self._tuning = tuning
-        self._kin = kin = Kinematics(robot)
-        self._sole_ids = [kin.frame_id(robot.roles[r]) for r in ("left_sole", "right_sole")]
-        kin.update_center_of_mass(state.q, state.v)
+        self._feet = feet = Feet(robot, state)
         self._stance, self._free = stance, 1 - stance
-        self._soles = [self._measured_sole(0), self._measured_sole(1)]
-        self._height = float(kin.com[2] - 0.5 * (self._soles[0][2] + self._soles[1][2]))
-        self.omega = math.sqrt(GRAVITY / self._height)
+        self._soles = feet.places
+        self.omega = feet.omega
         self._sensor = SupportSensor(tuning.touch_share * robot.total_mass * GRAVITY)
         rest = np.zeros(2)
-        self._com_path = Quintic((kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
+        self._com_path = Quintic((feet.kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
         self._foot_path: Quintic | None = None
         none = np.zeros(3)
         self._late_path = Quintic((none, none, none), np.array([0.0, 0.0, -tuning.late_depth]), tuning.late_time)
@@ -115,14 +111,11 @@ class OneLeg:
 
     def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
         """See :meth:`Gait.apply`."""
-        self._kin.update_center_of_mass(state.q, state.v)
+        self._feet.update(state)
         self._advance(t, self._touches(t, state))
         self._write(reference, t)
 
     # -- measurement
-
-    def _measured_sole(self, foot: int) -> Array:
-        return self._kin.frame_placement(self._sole_ids[foot])[1].copy()
 
     def _touches(self, t: float, state: RobotState) -> bool:
         """Whether the free foot is on the ground: by its force, or where that is not measured, by the clock."""
@@ -132,8 +125,7 @@ class OneLeg:
 
     def _ready(self) -> bool:
         """Whether the measured DCM is over the standing foot."""
-        dcm = self._kin.com[:2] + self._kin.com_velocity[:2] / self.omega
-        return bool(np.linalg.norm(dcm - self._soles[self._stance][:2]) <= self._tuning.ready_error)
+        return bool(np.linalg.norm(self._feet.dcm - self._soles[self._stance][:2]) <= self._tuning.ready_error)
 
     # -- the sequence
 
@@ -168,14 +160,15 @@ class OneLeg:
     def _land(self, t: float) -> None:
         """Take the feet as they are; the foot's reference gets there without a jump, which would be one of torques."""
         path = self._foot(t)
-        self._soles = [self._measured_sole(0), self._measured_sole(1)]
+        self._feet.keep()
+        self._soles = self._feet.places
         self._foot_path, self._foot_since = Quintic(path, self._soles[self._free], LANDING), t
         self._return(t)
 
     def _return(self, t: float) -> None:
         """Bring the CoM between the feet, from where its path is now."""
-        middle = 0.5 * (self._soles[0][:2] + self._soles[1][:2])
-        self._com_path = Quintic(self._com_path.evaluate(t - self._com_since), middle, self._tuning.return_time)
+        here = self._com_path.evaluate(t - self._com_since)
+        self._com_path = Quintic(here, self._feet.middle, self._tuning.return_time)
         self.phase, self.return_since, self._since, self._com_since = Phase.RETURN, t, t, t
 
     # -- references
@@ -200,7 +193,7 @@ class OneLeg:
         reference.in_contact = np.array([True, True])
         reference.in_contact[self._free] = self.phase in (Phase.SHIFT, Phase.RETURN)
         c, v, a = self._com_path.evaluate(t - self._com_since)
-        height = self._height + self._soles[self._stance][2]
+        height = self._feet.com_height + self._soles[self._stance][2]
         reference.com = PointReference(np.array([*c, height]), np.array([*v, 0.0]), np.array([*a, 0.0]))
         reference.gait = True
 

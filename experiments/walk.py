@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from controllers.command_script import CommandedWalk, CommandProfile, between, read_script, require_reachable
+from controllers.feet import Feet
 from controllers.footsteps import VelocityCommand
 from controllers.motions import CarriedHands, Motion
 from controllers.reference import WholeBodyReference
@@ -23,10 +24,8 @@ from experiments.session import check_options, run
 from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from wbc.wrench import GRAVITY
 
 FIRST, LAST = 1.0, 3.0
 """The robot stands for this long at the beginning, and is told to stop this long before the end [s]."""
@@ -130,7 +129,7 @@ def command_profile(options: WalkOptions, robot: RobotDescription) -> CommandPro
     Raises:
         ConfigError: the script cannot be read, or a velocity is not within reach of the robot's longest steps.
     """
-    fastest = walk_tuning(robot).fastest(_width(robot, _posture(options.hands)))
+    fastest = walk_tuning(robot).fastest(_standing(robot, options).width)
     if options.script is not None:
         wanted: CommandProfile = read_script(options.script, fastest)
     else:
@@ -144,12 +143,10 @@ def _always(command: VelocityCommand, t: float) -> VelocityCommand:
     return command
 
 
-def _width(robot: RobotDescription, posture: str) -> float:
-    """Distance of the feet in a posture [m]."""
-    kin = Kinematics(robot)
-    kin.update_geometry(standing_configuration(robot, posture))
-    left, right = (kin.frame_placement(kin.frame_id(robot.roles[r]))[1] for r in ("left_sole", "right_sole"))
-    return float(abs(left[1] - right[1]))
+def _standing(robot: RobotDescription, options: WalkOptions) -> Feet:
+    """The feet at the start."""
+    q, nj = standing_configuration(robot, _posture(options.hands)), len(robot.joints)
+    return Feet(robot, RobotState(q, np.zeros(6 + nj), np.zeros(nj), 0.0))
 
 
 def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter | None:
@@ -161,15 +158,11 @@ def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter |
 
 def meeting(options: WalkOptions, robot: RobotDescription) -> Beside:
     """Where the left hand meets the sphere: in the middle of the left foot's third support, swayed to the left."""
-    tuning, posture = walk_tuning(robot), _posture(options.hands)
-    kin = Kinematics(robot)
-    q = standing_configuration(robot, posture)
-    kin.update_center_of_mass(q, np.zeros(kin.nv))
+    tuning, feet = walk_tuning(robot), _standing(robot, options)
     time = FIRST + tuning.start_time + 0.5 * tuning.single_support + MEETING_STEPS * tuning.period
     ahead = MEETING_STEPS * tuning.period * options.vx
-    omega = math.sqrt(GRAVITY / float(kin.com[2]))
-    sideways = sway(0.5 * _width(robot, posture), omega, tuning.single_support, tuning.double_support)
-    return Beside(options.obstacle, ahead, sideways, time, posture)
+    sideways = sway(0.5 * feet.width, feet.omega, tuning.single_support, tuning.double_support)
+    return Beside(options.obstacle, ahead, sideways, time, _posture(options.hands))
 
 
 def sway(half_width: float, omega: float, single: float, double: float) -> float:

@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers.feet import Feet
 from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
 from controllers.lateral_steps import (
     LateralSteps,
     LateralStepTuning,
     SideSteps,
-    foot_distance,
     lateral_step_tuning,
 )
 from controllers.reference import reference_here
@@ -117,8 +117,8 @@ def test_the_distance_of_the_feet_does_not_depend_on_where_the_robot_stands(robo
     kin = Kinematics(robot)
     kin.update(state.q, state.v)
     left, right = (kin.frame_placement(kin.frame_id(robot.roles[r]))[1] for r in ("left_sole", "right_sole"))
-    assert foot_distance(robot, state) == pytest.approx(np.linalg.norm(left - right), abs=1e-9)
-    assert foot_distance(robot, moved) == pytest.approx(foot_distance(robot, state), abs=1e-9)
+    assert Feet(robot, state).width == pytest.approx(np.linalg.norm(left - right), abs=1e-9)
+    assert Feet(robot, moved).width == pytest.approx(Feet(robot, state).width, abs=1e-9)
 
 
 @pytest.mark.parametrize(

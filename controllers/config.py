@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from controllers.torque_modes import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
@@ -15,7 +15,10 @@ from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 TABLES = (
     "tasks",
@@ -257,7 +260,7 @@ def from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tu
         ConfigError: a value is not allowed.
     """
     values: dict[str, Any] = dict(robot.tuning.get(table, {}))
-    defaults = {f.name: f.default for f in dataclasses.fields(kind) if f.name not in elsewhere}  # type: ignore[arg-type]
+    defaults = {f.name: f.default for f in dataclasses.fields(kind) if f.name not in elsewhere}
     _require_known(robot, table, values, defaults)
     for name, default in defaults.items():
         if name in values and isinstance(default, FamilyParameters):

@@ -19,9 +19,9 @@ from robots.messages import Array, Mask, MotorCommand, RobotState
 from safety.barriers import Barrier, BarrierSet, ObstacleBarrier, standard_barriers
 from safety.filters import FilterResult, FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
-from safety.rows import BarrierRows
+from safety.rows import BarrierRows, HalfSpaces
 from wbc.contact import SoleContact
-from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
+from wbc.dynwbc import DynWbc, DynWbcProblem, DynWbcResult, contact_bias_acceleration
 from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
 
 STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
@@ -157,7 +157,21 @@ class WholeBodyController:
         marks.append(self._clock())
         safety = self._filter_velocity(rows, v_des, levels, reference.in_contact)
         marks.append(self._clock())
-        acceleration = self.dynwbc.acceleration_reference(safety.v, state.v, dt)
+        problem, spaces = self._dynamic_problem(state, reference, rows, safety.v)
+        marks.append(self._clock())
+        dynamic = self.dynwbc.solve(problem)
+        if self.acceleration_filter is not None and spaces is not None:
+            safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
+        marks.append(self._clock())
+        command = self._command(state, safety.v, self._feed_forward(dynamic, reference.in_contact))
+        return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+
+    def _dynamic_problem(
+        self, state: RobotState, reference: WholeBodyReference, rows: BarrierRows, v_safe: Array
+    ) -> tuple[DynWbcProblem, HalfSpaces | None]:
+        """DynWBC's problem for a filtered velocity (nv,), and the conditions in it where accelerations are filtered."""
+        kin, dt = self.kin, self.config.dt
+        acceleration = self.dynwbc.acceleration_reference(v_safe, state.v, dt)
         load_scale = self._estimate_load(state)
         wrench = self._wrench_reference(reference, acceleration, load_scale)
         contact_bias = None
@@ -168,25 +182,15 @@ class WholeBodyController:
             spaces = self.acceleration_filter.conditions(rows, state.v)
             conditions = (spaces.A, spaces.b)
             bounds = self.acceleration_filter.joint_bounds(self.dynwbc, state.v, dt)
-        in_contact = reference.in_contact
-        limits = reference.load_limits
+        contact, limits = reference.in_contact, reference.load_limits
         problem = self.dynwbc.build(
-            kin, acceleration, wrench, in_contact, contact_bias, conditions, bounds, load_scale, limits
+            kin, acceleration, wrench, contact, contact_bias, conditions, bounds, load_scale, limits
         )
-        marks.append(self._clock())
-        dynamic = self.dynwbc.solve(problem)
-        if self.acceleration_filter is not None and spaces is not None:
-            safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
-        marks.append(self._clock())
-        command = MotorCommand(
-            state.q[7:] + safety.v[6:] * dt,
-            safety.v[6:].copy(),
-            self._feed_forward(dynamic, in_contact),
-            self._kp,
-            self._kd,
-            state.stamp,
-        )
-        return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+        return problem, spaces
+
+    def _command(self, state: RobotState, v_safe: Array, torque: Array) -> MotorCommand:
+        q = state.q[7:] + v_safe[6:] * self.config.dt
+        return MotorCommand(q, v_safe[6:].copy(), torque, self._kp, self._kd, state.stamp)
 
     def _feed_forward(self, dynamic: DynWbcResult, in_contact: Mask) -> Array:
         """Torques (nj,) that the motors are told, as the configuration has it."""

@@ -1,5 +1,6 @@
 """Side steps that would make the feet collide: the locomotion of section 5.2.1 of Lee et al."""
 
+import dataclasses
 from collections.abc import Callable
 from typing import Any
 
@@ -53,7 +54,11 @@ def run_lateral_steps(options: LateralStepsOptions, progress: Callable[[float], 
     """
     robot = check_lateral_steps(options)
     changes = walking_changes(robot, options.load_estimate)
-    scenario = Scenario("lateral-steps", gait=_gait, changes=changes, figures=feet_figures)
+    settings = {
+        "walking": dataclasses.asdict(walk_tuning(robot)),
+        "lateral_steps": dataclasses.asdict(lateral_step_tuning(robot)),
+    }
+    scenario = Scenario("lateral-steps", gait=_gait, changes=changes, settings=settings, figures=feet_figures)
     return run(scenario, options, progress)
 
 

@@ -5,7 +5,7 @@ import types
 import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,10 @@ from experiments.results import RunResult, load_result, plain
 from experiments.warmup import warm_up
 from robots.errors import ConfigError
 
-T = TypeVar("T")
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
+T = TypeVar("T", bound="DataclassInstance")
 
 TIMES = ("tick_ms", "stages")
 """Recorded arrays that hold how long computing took: the only ones that may differ."""
@@ -77,7 +80,7 @@ def from_plain(kind: type[T], table: Any, name: str) -> T:
     if not isinstance(table, Mapping):
         raise ConfigError(name, table, "a table")
     hints = typing.get_type_hints(kind)
-    known = [f.name for f in dataclasses.fields(kind)]  # type: ignore[arg-type]
+    known = [f.name for f in dataclasses.fields(kind)]
     if unknown := sorted(set(table) - set(known)):
         raise ConfigError(f"{name}.{unknown[0]}", table[unknown[0]], "absent; known are " + ", ".join(known))
     return kind(**{key: _value(hints[key], value, f"{name}.{key}") for key, value in table.items()})

@@ -118,6 +118,7 @@ class Scenario:
         encounter: makes the obstacle; ``None``: there is none.
         pushes: on the torso.
         changes: fields of the controller's configuration that this scenario sets.
+        settings: of the gait, by the names of their tables below ``[tuning]``: what the configuration tells of them.
         extra: further series, one value per control tick, computed before the run from a controller and a cast of their
             own, the first configuration (nq,) and the run's duration [s].
         figures: further figures of the summary, from the robot and the recorded series.
@@ -130,5 +131,6 @@ class Scenario:
     encounter: MakeEncounter | None = None
     pushes: Sequence[Push] = ()
     changes: Mapping[str, Any] = field(default_factory=dict)
+    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     extra: Extra | None = None
     figures: Figures | None = None

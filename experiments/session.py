@@ -146,7 +146,7 @@ def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], Non
         measured |= scenario.figures(robot, series)
     summary = _head(scenario, options, control, loop.supervisor) | measured | {"versions": versions()}
     config = resolved_config(scenario.experiment, options, control, plant_settings)
-    return RunResult(robot, config, summary, series)
+    return RunResult(robot, config | dict(scenario.settings), summary, series)
 
 
 def _make_loop(

@@ -85,6 +85,7 @@ def run_taichi(options: TaichiOptions, progress: Callable[[float], None] | None 
         gait=gait,
         pushes=parse_pushes(options.push, options.duration),
         changes=_changes(robot, options),
+        settings={"taichi": dataclasses.asdict(tuning)},
         extra=reference_motion,
         figures=taichi_figures,
     )

@@ -78,7 +78,8 @@ def walk_scenario(
         return walk_figures(series, commands_at(command, series["time"]))
 
     motion = _carried if hands else None
-    return Scenario("walk", _posture(hands), motion, gait, changes=changes, figures=figures)
+    settings = {"walking": dataclasses.asdict(tuning)}
+    return Scenario("walk", _posture(hands), motion, gait, changes=changes, settings=settings, figures=figures)
 
 
 def _carried(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
@@ -192,7 +193,6 @@ def commands_at(command: CommandProfile, times: Array) -> Array:
 
 
 def with_commands(result: RunResult, command: CommandProfile) -> RunResult:
-    """The result of a walk with the series ``command``, and the robot's settings of walking in its configuration."""
+    """The result of a walk with the series ``command``."""
     commands = commands_at(command, result.series["time"])
-    config = {**result.config, "walking": dataclasses.asdict(walk_tuning(result.robot))}
-    return dataclasses.replace(result, config=config, series={**result.series, "command": commands})
+    return dataclasses.replace(result, series={**result.series, "command": commands})

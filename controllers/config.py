@@ -3,7 +3,7 @@
 import dataclasses
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from controllers.torque_modes import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
@@ -15,10 +15,14 @@ from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
 
-T = TypeVar("T", bound="DataclassInstance")
+class DataclassInstance(Protocol):
+    """What :func:`dataclasses.fields` takes: an instance of any dataclass."""
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
+
+
+T = TypeVar("T", bound=DataclassInstance)
 
 TABLES = (
     "tasks",

@@ -5,11 +5,12 @@ import types
 import typing
 from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.config import DataclassInstance
 from experiments.console import make_console, progress, run_one
 from experiments.metrics import versions
 from experiments.options import ReplayOptions, RunOptions
@@ -18,10 +19,7 @@ from experiments.results import RunResult, load_result, plain
 from experiments.warmup import warm_up
 from robots.errors import ConfigError
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
-T = TypeVar("T", bound="DataclassInstance")
+T = TypeVar("T", bound=DataclassInstance)
 
 TIMES = ("tick_ms", "stages")
 """Recorded arrays that hold how long computing took: the only ones that may differ."""

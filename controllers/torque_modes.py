@@ -4,14 +4,14 @@ import numpy as np
 import pinocchio as pin
 
 from robots.kinematics import Kinematics
-from robots.messages import Array, Mask
+from robots.messages import Array
 
 TORQUE_MODES = ("full", "pd-only", "gravity")
 """``full``: the torque of DynWBC, eq. (19) of Lee et al. ``pd-only``: none, so that only the joints' PD is left, the
 ablation of their section 5.3.1. ``gravity``: what holds the robot up at rest, :func:`gravity_torque`."""
 
 
-def gravity_torque(kin: Kinematics, contact_jacobian: Array, half_sizes: Array, in_contact: Mask) -> Array:
+def gravity_torque(kin: Kinematics, contact_jacobian: Array, half_sizes: Array) -> Array:
     r"""Joint torques that balance gravity at the configuration of ``kin``, the feet in contact bearing the weight.
 
     .. math:: \tau = g_j - J_{c,j}^T F,\quad F = \arg\min \sum \|f\|^2 + \|m / r\|^2
@@ -22,15 +22,15 @@ def gravity_torque(kin: Kinematics, contact_jacobian: Array, half_sizes: Array, 
 
     Args:
         kin: kinematics on a floating base.
-        contact_jacobian: shape (6 n, nv) of the soles in their own axes; rows of feet that are not in contact are 0.
-        half_sizes: shape (n, 2) half length and half width of each sole [m].
-        in_contact: shape (n,) whether each foot is meant to be on the ground; none: the joints hold their links only.
+        contact_jacobian: shape (6 c, nv) of the soles in contact, in their own axes; none: the joints hold their links
+            only.
+        half_sizes: shape (c, 2) half length and half width of each of them [m].
 
     Returns:
         New array (nj,) [N m].
     """
     gravity: Array = pin.computeGeneralizedGravity(kin.model, kin.data, kin.q).copy()
-    if not in_contact.any():
+    if not len(half_sizes):
         return gravity[6:]
     scale = np.concatenate([[1.0, 1.0, 1.0, width, length, length] for length, width in half_sizes])
     scaled = scale[:, None] * contact_jacobian

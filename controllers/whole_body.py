@@ -21,7 +21,8 @@ from safety.filters import FilterResult, FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
 from safety.rows import BarrierRows, HalfSpaces
 from wbc.contact import SoleContact
-from wbc.dynwbc import DynWbc, DynWbcProblem, DynWbcResult, contact_bias_acceleration
+from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
+from wbc.torque_qp import DynWbcProblem
 from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
 
 STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
@@ -198,9 +199,8 @@ class WholeBodyController:
             return dynamic.torque.copy()
         if self.config.torque == "pd-only":
             return np.zeros(dynamic.torque.size)
-        return gravity_torque(
-            self.kin, self.dynwbc.contact_jacobian(self.kin, in_contact), self._half_sizes, in_contact
-        )
+        jacobian = self.dynwbc.contact_jacobian(self.kin, in_contact)
+        return gravity_torque(self.kin, jacobian, self._half_sizes[in_contact])
 
     def _estimate_load(self, state: RobotState) -> float:
         if self.load is None:

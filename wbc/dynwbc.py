@@ -1,5 +1,6 @@
 """DynWBC: joint torques from a quadratic program with full dynamics and contact wrench cones."""
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -8,17 +9,12 @@ import pinocchio as pin
 
 from robots.checks import require_non_negative, require_positive
 from robots.kinematics import Kinematics
-from robots.messages import Array, Mask
-from wbc.contact import SoleContact, wrench_cone
+from robots.messages import Array, Indices, Mask
+from wbc.contact import SoleContact
 from wbc.kernels import eliminate_base, torque_cost
-from wbc.qp import UNBOUNDED, QpSolution, QpStatus, make_solver
+from wbc.qp import QpStatus
+from wbc.torque_qp import DynWbcProblem, TorqueQp
 from wbc.wrench import GRAVITY
-
-SLACK_PULL = 1e-6
-"""Weight of the usual cost while the least violation of the conditions is sought: it makes the answer unique."""
-
-SLACK_ROUNDING = 1e-6
-"""Room [m/s^2, rad/s^2] given to a condition on top of its least violation, so that rounding does not undo it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,30 +70,6 @@ class DynWbcResult:
     relaxed: bool = False
 
 
-@dataclass(frozen=True, slots=True)
-class DynWbcProblem:
-    """The reduced QP over x = [joint accelerations (nj); wrenches (6 n)] and the maps back from it.
-
-    Attributes:
-        hessian: shape (nx, nx).
-        gradient: shape (nx,).
-        rows: shape (16 n + nj + k, nx): wrench cones, torques, conditions on the acceleration; the controller's own,
-            until the next problem.
-        lower: shape (nx + 16 n + nj + k,).
-        upper: shape (nx + 16 n + nj + k,).
-        base: (6, nx) map and (6,) offset from x to the base's acceleration.
-        torque: (nj, nx) map and (nj,) offset from x to joint torques.
-    """
-
-    hessian: Array
-    gradient: Array
-    rows: Array
-    lower: Array
-    upper: Array
-    base: tuple[Array, Array]
-    torque: tuple[Array, Array]
-
-
 class DynWbc:
     r"""The torque QP of eqs. (16)-(18) of Lee et al., base dynamics and torques eliminated.
 
@@ -106,7 +78,8 @@ class DynWbc:
         \;\text{s.t.}\; U F_c \le 0,\; M\ddot q + h = S^T\tau + J_c^T F_c,\; |\tau| \le \tau_{max}
 
     The six rows of the base give its acceleration as a function of joint accelerations and wrenches, the others give
-    the torques: 29 + 12 variables on the G1 instead of the 76 of the full form, with the same optimum.
+    the torques; a foot in the air has no wrench. The G1 then has 29 + 12 variables on two feet and 29 + 6 on one,
+    instead of the 76 of the full form, with the same optimum.
 
     Conditions :math:`A \ddot q \ge b` may be added, for barriers at the level of accelerations (eq. (55)). Where they
     contradict each other, the cone or the torque limits, they are violated by the least sum of squares, those never.
@@ -135,24 +108,14 @@ class DynWbc:
         self.frame_ids = [kin.frame_id(c.frame) for c in contacts]
         self.nj = kin.nv - 6
         self.nf = 6 * len(self.frame_ids)
-        self.nx = self.nj + self.nf
         self._weight = kin.robot.total_mass * GRAVITY
-        self.effort = kin.robot.joint_array("effort")
-        self._hard = 16 * len(contacts) + self.nj
-        m = self._hard + condition_count
-        self._solver = make_solver(solver, self.nx, m)
         self._condition_count = condition_count
-        if condition_count:
-            slack_weights = np.concatenate([np.full(self._hard, np.inf), np.ones(condition_count)])
-            self._least_slack = make_solver("daqp", self.nx, m, slack_weights)
-        self._rows = np.zeros((m, self.nx))
-        for i, contact in enumerate(contacts):
-            columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
-            self._rows[16 * i : 16 * i + 16, columns] = wrench_cone(contact)
-        free = np.full(self.nx, UNBOUNDED)
-        absent = np.full(condition_count, UNBOUNDED)
-        self._lower = np.concatenate([-free, np.full(16 * len(contacts), -UNBOUNDED), -self.effort, -absent])
-        self._upper = np.concatenate([free, np.zeros(16 * len(contacts)), self.effort, absent])
+        effort, feet = kin.robot.joint_array("effort"), range(len(contacts))
+        self._qps = {
+            standing: TorqueQp(standing, contacts, effort, solver, condition_count)
+            for count in range(len(contacts) + 1)
+            for standing in itertools.combinations(feet, count)
+        }
         self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
         self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
 
@@ -172,11 +135,13 @@ class DynWbc:
         return (acceleration + self.weights.kd * v) / (self.weights.kd + self.weights.kp * dt)
 
     def contact_jacobian(self, kin: Kinematics, in_contact: Mask) -> Array:
-        """Stacked Jacobians (6 n, nv) of the soles in their own axes; zero rows for feet that are not in contact."""
-        jacobian = np.zeros((self.nf, kin.nv))
-        for i, frame_id in enumerate(self.frame_ids):
-            if in_contact[i]:
-                jacobian[6 * i : 6 * i + 6] = kin.frame_jacobian(frame_id, local=True)
+        """Stacked Jacobians (6 c, nv), in their own axes, of the soles that are in contact."""
+        return self._stacked_jacobian(kin, np.flatnonzero(in_contact))
+
+    def _stacked_jacobian(self, kin: Kinematics, feet: Sequence[int] | Indices) -> Array:
+        jacobian = np.empty((6 * len(feet), kin.nv))
+        for i, foot in enumerate(feet):
+            jacobian[6 * i : 6 * i + 6] = kin.frame_jacobian(self.frame_ids[foot], local=True)
         return jacobian
 
     def build(
@@ -197,7 +162,7 @@ class DynWbc:
             kin: kinematics at the measured state.
             acceleration: shape (nv,) commanded acceleration.
             wrench: shape (6 n,) reference wrenches in sole axes [N, N m].
-            in_contact: shape (n,) bool; the wrench of a foot that is not in contact is held at zero.
+            in_contact: shape (n,) bool; a foot that is not in contact has no wrench.
             contact_bias: shape (6 n,) J_c_dot q_dot in sole axes; used with the soft contact term only.
             conditions: A (k, nv) and b (k,) of A q_ddot >= b, as many as announced.
             joint_bounds: lower and upper bound of the joints' accelerations, (nj,) each [rad/s^2]; given up where
@@ -212,8 +177,9 @@ class DynWbc:
         Raises:
             ValueError: another number of conditions than announced.
         """
-        nj, nx, w = self.nj, self.nx, self.weights
-        jacobian = self.contact_jacobian(kin, in_contact)
+        qp = self._qps[tuple(i for i, touching in enumerate(in_contact) if touching)]
+        nj, nx, w = self.nj, qp.nx, self.weights
+        jacobian = self._stacked_jacobian(kin, qp.feet)
         base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))
         mass_matrix, bias = kin.mass_matrix, kin.bias
         if load_scale != 1.0:
@@ -226,9 +192,9 @@ class DynWbc:
             jacobian,
             bias,
             acceleration,
-            wrench,
+            wrench[qp.wrenches],
             self._last.torque,
-            self._wrench_weight,
+            self._wrench_weight[qp.wrenches],
             w.acceleration,
             w.torque_rate,
             w.energy,
@@ -237,29 +203,22 @@ class DynWbc:
         )
         base_map, torque_map = (base[:, :-1], base[:, -1]), (torque[:, :-1], torque[:, -1])
         if w.contact > 0:
+            contact_bias = None if contact_bias is None else contact_bias[qp.wrenches]
             self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
-        lower, upper = self._bounds(in_contact, torque_map[1])
+        lower, upper = qp.bounds(torque_map[1])
         if load_limits is not None:
-            for i in np.flatnonzero(load_limits < 1.0):
-                normal = self.nj + 6 * i + 2
-                upper[normal] = min(upper[normal], load_limits[i] * load_scale * self._weight)
+            for i, foot in enumerate(qp.feet):
+                if load_limits[foot] < 1.0:
+                    upper[nj + 6 * i + 2] = load_limits[foot] * load_scale * self._weight
         if joint_bounds is not None:
             lower[:nj], upper[:nj] = joint_bounds
-        self._rows[self._hard - nj : self._hard] = torque_map[0]
-        self._add_conditions(conditions, base_map, lower)
-        return DynWbcProblem(hessian, gradient, self._rows, lower, upper, base_map, torque_map)
-
-    def _add_conditions(self, conditions: tuple[Array, Array] | None, base: tuple[Array, Array], lower: Array) -> None:
-        """Conditions on the whole acceleration as rows over x."""
+        qp.write_torques(torque_map[0])
         count = 0 if conditions is None else len(conditions[1])
         if count != self._condition_count:
             raise ValueError(f"{count} conditions on the acceleration given, {self._condition_count} announced")
         if conditions is not None and count:
-            matrix, bound = conditions
-            rows = self._rows[self._hard :]
-            np.matmul(matrix[:, :6], base[0], out=rows)
-            rows[:, : self.nj] += matrix[:, 6:]
-            lower[-count:] = bound - matrix[:, :6] @ base[1]
+            qp.write_conditions(*conditions, base_map, lower)
+        return DynWbcProblem(qp.feet, hessian, gradient, qp.rows, lower, upper, base_map, torque_map)
 
     def _add_contact_term(
         self,
@@ -276,50 +235,24 @@ class DynWbc:
         hessian += self.weights.contact * (motion.T @ motion)
         gradient += self.weights.contact * (offset @ motion)
 
-    def _bounds(self, in_contact: Mask, torque_0: Array) -> tuple[Array, Array]:
-        lower, upper = self._lower.copy(), self._upper.copy()
-        for i, touching in enumerate(in_contact):
-            if not touching:
-                columns = slice(self.nj + 6 * i, self.nj + 6 * i + 6)
-                lower[columns] = upper[columns] = 0.0
-        torques = slice(self.nx + self._hard - self.nj, self.nx + self._hard)
-        lower[torques] -= torque_0
-        upper[torques] -= torque_0
-        return lower, upper
-
     def solve(self, problem: DynWbcProblem) -> DynWbcResult:
         """Solve an assembled problem.
 
         Returns:
             The optimum; when the solver gives none, the last optimal torques with the solver's status.
         """
-        solution = self._solver.solve(problem.hessian, problem.gradient, problem.rows, problem.lower, problem.upper)
-        relaxed = solution.status != "optimal" and self._condition_count > 0
-        if relaxed:
-            solution = self._relaxed(problem)
+        qp = self._qps[problem.feet]
+        solution, relaxed = qp.solve(problem)
         if solution.status != "optimal":
             return replace(self._last, status=solution.status, iterations=solution.iterations)
         x = solution.x
         base, base_0 = problem.base
         torque, torque_0 = problem.torque
         acceleration = np.concatenate([base @ x + base_0, x[: self.nj]])
-        wrench = x[self.nj :].copy()
+        wrench = np.zeros(self.nf)
+        wrench[qp.wrenches] = x[self.nj :]
         self._last = DynWbcResult(torque @ x + torque_0, acceleration, wrench, "optimal", solution.iterations, relaxed)
         return self._last
-
-    def _relaxed(self, problem: DynWbcProblem) -> QpSolution:
-        """The optimum with the conditions lowered by their least sum of squared violations."""
-        hessian, gradient = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
-        lower, upper, count = problem.lower.copy(), problem.upper.copy(), self._condition_count
-        least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
-        if least.status != "optimal":
-            lower[: self.nj], upper[: self.nj] = -UNBOUNDED, UNBOUNDED
-            least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
-        if least.status != "optimal":
-            return least
-        violation = lower[-count:] - problem.rows[-count:] @ least.x
-        lower[-count:] -= np.maximum(violation, 0.0) + SLACK_ROUNDING
-        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, upper)
 
 
 def contact_bias_acceleration(kin: Kinematics, frame_ids: Sequence[int]) -> Array:

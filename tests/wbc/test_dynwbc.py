@@ -13,7 +13,8 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from wbc.contact import SoleContact
-from wbc.dynwbc import DynWbc, DynWbcProblem, DynWbcResult, DynWbcWeights, contact_bias_acceleration
+from wbc.dynwbc import DynWbc, DynWbcResult, DynWbcWeights, contact_bias_acceleration
+from wbc.torque_qp import DynWbcProblem
 from wbc.wrench import GRAVITY, net_wrench
 
 STEP = 1e-6
@@ -93,7 +94,7 @@ def test_contact_jacobians_are_rates_in_sole_axes(kin: Kinematics) -> None:
 def test_feet_in_the_air_have_no_contact_rows(kin: Kinematics, touching: tuple[bool, bool]) -> None:
     dynwbc = controller(kin)
     full, part = (dynwbc.contact_jacobian(kin, np.array(mask)) for mask in ((True, True), touching))
-    np.testing.assert_array_equal(part, full * np.repeat(touching, 6)[:, None])
+    np.testing.assert_array_equal(part, full[np.repeat(touching, 6)])
 
 
 def test_contact_bias_is_the_rate_of_the_contact_velocity_at_constant_joint_rates(kin: Kinematics) -> None:
@@ -347,7 +348,7 @@ def test_a_load_scale_is_a_model_with_all_masses_scaled(kin: Kinematics, scale: 
     rng = np.random.default_rng(11)
     dynwbc = controller(kin)
     problem = dynwbc.build(kin, rng.normal(size=kin.nv), weight_on_both(kin), BOTH, load_scale=scale)
-    x = rng.normal(size=dynwbc.nx)
+    x = rng.normal(size=problem.gradient.size)
     base = problem.base[0] @ x + problem.base[1]
     torque = problem.torque[0] @ x + problem.torque[1]
     acceleration = np.concatenate([base, x[: dynwbc.nj]])
@@ -397,4 +398,5 @@ def test_a_limit_does_not_load_a_foot_in_the_air(kin: Kinematics) -> None:
     problem = dynwbc.build(kin, np.zeros(kin.nv), weight_on_both(kin), left, load_limits=np.array([1.0, 0.7]))
     result = dynwbc.solve(problem)
     assert result.status == "optimal"
-    np.testing.assert_allclose(result.wrench[6:], 0.0, rtol=0, atol=1e-6)
+    assert problem.feet == (0,)
+    np.testing.assert_array_equal(result.wrench[6:], np.zeros(6))

@@ -1,0 +1,129 @@
+"""The reduced QP of DynWBC: its fixed parts for one set of feet on the ground, and its solution."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from robots.messages import Array
+from wbc.contact import SoleContact, wrench_cone
+from wbc.qp import UNBOUNDED, QpSolution, make_solver
+
+SLACK_PULL = 1e-6
+"""Weight of the usual cost while the least violation of the conditions is sought: it makes the answer unique."""
+
+SLACK_ROUNDING = 1e-6
+"""Room [m/s^2, rad/s^2] given to a condition on top of its least violation, so that rounding does not undo it."""
+
+
+@dataclass(frozen=True, slots=True)
+class DynWbcProblem:
+    """The reduced QP over x = [joint accelerations (nj); wrenches (6 c)] and the maps back from it.
+
+    c feet are on the ground; k conditions are put on the acceleration.
+
+    Attributes:
+        feet: which feet are on the ground, of all that may be, in their order.
+        hessian: shape (nx, nx), nx = nj + 6 c.
+        gradient: shape (nx,).
+        rows: shape (16 c + nj + k, nx): wrench cones, torques, conditions on the acceleration; the controller's own,
+            until the next problem.
+        lower: shape (nx + 16 c + nj + k,).
+        upper: shape (nx + 16 c + nj + k,).
+        base: (6, nx) map and (6,) offset from x to the base's acceleration.
+        torque: (nj, nx) map and (nj,) offset from x to joint torques.
+    """
+
+    feet: tuple[int, ...]
+    hessian: Array
+    gradient: Array
+    rows: Array
+    lower: Array
+    upper: Array
+    base: tuple[Array, Array]
+    torque: tuple[Array, Array]
+
+
+class TorqueQp:
+    """Rows, bounds and warm-started solver of all problems with the same feet on the ground.
+
+    A foot in the air has no variables and no cone: on one foot the problem is smaller than on two.
+
+    Attributes:
+        feet: which feet are on the ground, of all that may be.
+        nx: number of variables.
+        wrenches: of these feet within the wrenches of all, shape (6 c,) indices.
+        rows: shape (16 c + nj + k, nx): the cones stand, torques and conditions are written by each problem.
+    """
+
+    def __init__(
+        self, feet: Sequence[int], contacts: Sequence[SoleContact], effort: Array, solver: str, condition_count: int
+    ) -> None:
+        """Prepare the problems of one set of feet.
+
+        Args:
+            feet: which of ``contacts`` are on the ground.
+            contacts: all soles that may be.
+            effort: shape (nj,) torque limits [N m].
+            solver: name of the QP solver.
+            condition_count: k, number of conditions on the acceleration.
+
+        Raises:
+            ConfigError: unknown solver.
+        """
+        self.feet = tuple(feet)
+        nj, cones = effort.size, 16 * len(self.feet)
+        self.nx = nx = nj + 6 * len(self.feet)
+        self.wrenches = np.array([6 * foot + i for foot in self.feet for i in range(6)], dtype=int)
+        self._nj, self._hard, self._count = nj, cones + nj, condition_count
+        m = self._hard + condition_count
+        self._solver = make_solver(solver, nx, m)
+        if condition_count:
+            slack_weights = np.concatenate([np.full(self._hard, np.inf), np.ones(condition_count)])
+            self._least_slack = make_solver("daqp", nx, m, slack_weights)
+        self.rows = np.zeros((m, nx))
+        for i, foot in enumerate(self.feet):
+            self.rows[16 * i : 16 * i + 16, nj + 6 * i : nj + 6 * i + 6] = wrench_cone(contacts[foot])
+        free, absent = np.full(nx, UNBOUNDED), np.full(condition_count, UNBOUNDED)
+        self._lower = np.concatenate([-free, np.full(cones, -UNBOUNDED), -effort, -absent])
+        self._upper = np.concatenate([free, np.zeros(cones), effort, absent])
+
+    def bounds(self, torque_0: Array) -> tuple[Array, Array]:
+        """New lower and upper bounds of a problem whose torques (nj,) at x = 0 are ``torque_0`` [N m]."""
+        lower, upper = self._lower.copy(), self._upper.copy()
+        torques = slice(self.nx + self._hard - self._nj, self.nx + self._hard)
+        lower[torques] -= torque_0
+        upper[torques] -= torque_0
+        return lower, upper
+
+    def write_torques(self, torque_map: Array) -> None:
+        """Put the map (nj, nx) from x to the torques into the rows."""
+        self.rows[self._hard - self._nj : self._hard] = torque_map
+
+    def write_conditions(self, matrix: Array, bound: Array, base: tuple[Array, Array], lower: Array) -> None:
+        """Put conditions ``matrix`` q_dd >= ``bound``, (k, nv) and (k,), into the rows and into ``lower``."""
+        rows = self.rows[self._hard :]
+        np.matmul(matrix[:, :6], base[0], out=rows)
+        rows[:, : self._nj] += matrix[:, 6:]
+        lower[-self._count :] = bound - matrix[:, :6] @ base[1]
+
+    def solve(self, problem: DynWbcProblem) -> tuple[QpSolution, bool]:
+        """The optimum, and whether conditions had to be violated for it (by the least sum of squares)."""
+        solution = self._solver.solve(problem.hessian, problem.gradient, problem.rows, problem.lower, problem.upper)
+        if solution.status == "optimal" or not self._count:
+            return solution, False
+        return self._relaxed(problem), True
+
+    def _relaxed(self, problem: DynWbcProblem) -> QpSolution:
+        """The optimum with the conditions lowered by their least sum of squared violations."""
+        hessian, gradient = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
+        lower, upper, count = problem.lower.copy(), problem.upper.copy(), self._count
+        least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
+        if least.status != "optimal":
+            lower[: self._nj], upper[: self._nj] = -UNBOUNDED, UNBOUNDED
+            least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
+        if least.status != "optimal":
+            return least
+        violation = lower[-count:] - problem.rows[-count:] @ least.x
+        lower[-count:] -= np.maximum(violation, 0.0) + SLACK_ROUNDING
+        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, upper)

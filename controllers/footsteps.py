@@ -86,8 +86,8 @@ class FootstepPlanner(Protocol):
     """Chooses footholds. Anything with this method can take the place of :class:`VelocityFootsteps`.
 
     It is asked for steps that lie further ahead as well, each from the foothold before, and again when plans change:
-    its answer may depend on nothing but the arguments. Footholds are taken as they are; only those that a disturbance
-    moves are kept within the bounds of :class:`StepLimits`.
+    its answer may depend on nothing but the arguments. A foothold beyond the bounds of :class:`StepLimits` is moved to
+    them: what the legs cannot reach would throw the robot.
     """
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:

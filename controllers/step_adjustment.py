@@ -62,7 +62,7 @@ class StepAdjustment:
     def adjust(
         self, dcm: Array, stance: Foothold, swing: int, planned: Foothold, wanted: Array, left: float, shortest: float
     ) -> tuple[Foothold, float]:
-        """Foothold and time until the landing [s]: those planned, where the ZMP can do it.
+        """Foothold and time until the landing [s]: those planned, as they are, where the ZMP can do it.
 
         Args:
             dcm: shape (2,) measured [m].
@@ -73,11 +73,13 @@ class StepAdjustment:
             left: planned time until then [s].
             shortest: time that the foot needs at least [s].
         """
+        if self.shift(dcm, stance, wanted, left) == (0.0, 0.0):
+            return planned, left
         best, best_cost, best_left = planned, math.inf, left
+        c, s = math.cos(stance.yaw), math.sin(stance.yaw)
         for share in GRID:
             time = shortest + share * (left - shortest)
             forward, sideways = self.shift(dcm, stance, wanted, time)
-            c, s = math.cos(stance.yaw), math.sin(stance.yaw)
             ideal = Foothold(
                 planned.x + c * forward - s * sideways, planned.y + s * forward + c * sideways, planned.yaw
             )

@@ -2,7 +2,7 @@
 
 import math
 
-from controllers.footsteps import Foothold, FootstepPlanner, VelocityCommand
+from controllers.footsteps import Foothold, FootstepPlanner, StepLimits, VelocityCommand
 from controllers.lipm import DcmPlan, ZmpPhase, waypoint
 from controllers.walking_config import WalkTuning
 from robots.errors import ConfigError
@@ -23,14 +23,14 @@ class StepPlan:
     ``LOOKAHEAD`` steps.
     """
 
-    def __init__(self, planner: FootstepPlanner, tuning: WalkTuning, omega: float) -> None:
-        """``planner`` chooses footholds; times are those of ``tuning``; ``omega`` is the pendulum's [1/s]."""
-        self._planner = planner
+    def __init__(self, planner: FootstepPlanner, limits: StepLimits, tuning: WalkTuning, omega: float) -> None:
+        """``planner`` chooses footholds within ``limits``; times are those of ``tuning``; ``omega``: pendulum [1/s]."""
+        self._planner, self._limits = planner, limits
         self._tuning = tuning
         self._omega = omega
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
-        """The planner's foothold.
+        """The planner's foothold, moved onto the bounds where it lies beyond them.
 
         Raises:
             ConfigError: it is not finite.
@@ -38,7 +38,7 @@ class StepPlan:
         foothold = self._planner.next_foothold(stance, swing, command)
         if not math.isfinite(foothold.x + foothold.y + foothold.yaw):
             raise ConfigError("foothold of the planner", foothold, "of finite x, y and yaw")
-        return foothold
+        return self._limits.clamp(stance, foothold, swing)
 
     def standing(self, middle: Array) -> DcmPlan:
         """At rest at ``middle`` (2,) [m]."""

@@ -5,6 +5,9 @@ import numpy as np
 from robots.checks import require_non_negative, require_positive
 from robots.messages import Array
 
+RATE = np.diag([1.0, 2.0, 3.0, 4.0, 5.0], 1)
+"""From coefficients of a polynomial of degree five to those of its rate."""
+
 
 class Quintic:
     """Polynomial of degree five between two states; after its end it goes on at the velocity it has there.
@@ -25,7 +28,7 @@ class Quintic:
         w = np.zeros_like(end) if end_velocity is None else end_velocity
         d = end - p
         self._end = np.array([end, w, np.zeros_like(end)])
-        self._coefficients = np.array(
+        coefficients = np.array(
             [
                 p,
                 v,
@@ -35,6 +38,8 @@ class Quintic:
                 (6 * d - 3 * t * (v + w) - 0.5 * t**2 * a) / t**5,
             ]
         )
+        # columns: the polynomials, their rates, their second rates
+        self._coefficients = np.hstack([coefficients, RATE @ coefficients, RATE @ RATE @ coefficients])
 
     def evaluate(self, t: float) -> Array:
         """Position, velocity, acceleration at ``t`` [s]: the rows of a new array (3, k)."""
@@ -42,11 +47,10 @@ class Quintic:
             out = self._end.copy()
             out[0] += (t - self._duration) * out[1]
             return out
-        t2, t3 = t * t, t * t * t
-        powers = (1.0, t, t2, t3, t2 * t2, t2 * t3)
-        rates = (0.0, 1.0, 2 * t, 3 * t2, 4 * t3, 5 * t2 * t2)
-        second_rates = (0.0, 0.0, 2.0, 6 * t, 12 * t2, 20 * t3)
-        return np.array((powers, rates, second_rates)) @ self._coefficients
+        t2 = t * t
+        t3 = t * t2
+        all_three: Array = np.array((1.0, t, t2, t3, t2 * t2, t2 * t3)) @ self._coefficients
+        return all_three.reshape(3, -1)
 
 
 class SwingPath:
@@ -112,7 +116,7 @@ class SwingPath:
 
     def evaluate(self, t: float) -> Array:
         """Position, velocity, acceleration at ``t`` [s]: the rows of a new array (3, 4) of x, y, height, yaw."""
-        out = np.empty((3, 4))
-        out[:, [0, 1, 3]] = self._flat.evaluate(t - self._flat_since)
+        flat, out = self._flat.evaluate(t - self._flat_since), np.empty((3, 4))
+        out[:, :2], out[:, 3] = flat[:, :2], flat[:, 2]
         out[:, 2] = self._height(t)[:, 0]
         return out

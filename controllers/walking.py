@@ -45,7 +45,7 @@ class Walking:
     error back better than one. Where the DCM has left the feet, standing or in double support, a step is made at once.
 
     Attributes:
-        limits: bounds of footholds, also of those that a disturbance moves.
+        limits: bounds of footholds, of those that the planner chooses and of those that a disturbance moves.
         support: what the robot stands on, by plan.
         steps: number of touchdowns so far.
     """
@@ -58,7 +58,8 @@ class Walking:
         self._feet = feet = Feet(robot, state)
         self._reference = WalkingReference(robot, feet)
         self.limits = tuning.limits(feet.width)
-        self._plans = StepPlan(planner or VelocityFootsteps(self.limits, tuning.period), tuning, feet.omega)
+        planner = planner or VelocityFootsteps(self.limits, tuning.period)
+        self._plans = StepPlan(planner, self.limits, tuning, feet.omega)
         self._room = tuning.zmp_share * np.array([[s.half_length, s.half_width] for s in robot.soles])
         self._adjustment = StepAdjustment(self.limits, feet.omega, self._room[0], tuning.double_support)
         self._sensor = SupportSensor(tuning.touch_share * robot.total_mass * GRAVITY)

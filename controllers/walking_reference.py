@@ -11,6 +11,10 @@ from controllers.reference import PointReference, WholeBodyReference
 from robots.description import RobotDescription
 from robots.messages import Array
 
+STILL = np.zeros(3)
+STILL.setflags(write=False)
+"""Velocity and acceleration of what stands [m/s, m/s^2]."""
+
 Swing = tuple[int, Array]
 """Which foot is in the air, and its x, y, height, yaw, their rates, their second rates: shape (3, 4)."""
 
@@ -50,19 +54,20 @@ class WalkingReference:
         reference.dcm, reference.load_limits = dcm, load_limits
         reference.in_contact = np.array([True, True])
         reference.sole_turns = np.zeros((2, 2))
-        yaws = feet.yaws
+        yaws = [hold.yaw for hold in feet.holds]
         for foot in (LEFT, RIGHT):
             hold, point = feet.holds[foot], reference.soles[foot]
             point.position = np.array([hold.x, hold.y, feet.heights[foot]])
-            point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
+            point.velocity = point.acceleration = STILL
         if swing is not None:
             foot, path = swing
             point = reference.soles[foot]
             point.position, point.velocity, point.acceleration = path[:, :3]
             reference.in_contact[foot] = False
-            yaws[foot], reference.sole_turns[foot] = path[0, 3], path[1:, 3]
-        reference.sole_rotations = (_about_z(yaws[LEFT]), _about_z(yaws[RIGHT]))
-        turn = _about_z(_mean_angle(yaws[LEFT], yaws[RIGHT]))
+            yaws[foot], reference.sole_turns[foot] = float(path[0, 3]), path[1:, 3]
+        left, right = yaws
+        reference.sole_rotations = (_about_z(left), _about_z(right))
+        turn = _about_z(_mean_angle(left, right))
         reference.base_rotation, reference.torso_rotation = turn @ self._upright[0], turn @ self._upright[1]
         reference.turn_rate = 0.5 * float(reference.sole_turns[:, 0].sum())
         self._write_com(reference, t, dcm, feet.com_height + 0.5 * sum(feet.heights))
@@ -72,7 +77,8 @@ class WalkingReference:
         self._time = t
         velocity = dcm.omega * (dcm.position - self._com)
         self._com = dcm.position + (self._com - dcm.position) * math.exp(-dcm.omega * dt)
-        reference.com = PointReference(np.array([*self._com, height]), np.array([*velocity, 0.0]))
+        position = np.array([self._com[0], self._com[1], height])
+        reference.com = PointReference(position, np.array([velocity[0], velocity[1], 0.0]))
 
 
 def _mean_angle(a: float, b: float) -> float:

@@ -1,5 +1,6 @@
 """One tick of the stack: state in, motor command out."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -101,6 +102,8 @@ class WholeBodyController:
         count = self.barriers.size if self.acceleration_filter else 0
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
+        # as the weight of a foot on the ground goes with the square of its rows
+        self._swing_share = math.sqrt(safety.swing_weight / safety.foot_weight) if safety.foot_weight > 0 else 0.0
         self._tasks = TaskStack(self.kin, config, with_hands, self._half_sizes)
         self.kinwbc = self._tasks.kinwbc
         self._kp = config.gain_scale * robot.joint_array("kp")
@@ -234,12 +237,13 @@ class WholeBodyController:
         All of a foot on the ground. Of a foot in the air its orientation: turned by its ankle out of another leg's way,
         it would come down on its edge. Its position by a weight of its own.
         """
-        tuning = self.config.safety
-        in_air = tuning.swing_weight / tuning.foot_weight if tuning.foot_weight > 0 else 0.0
-        share = np.repeat(np.where(in_contact, 1.0, in_air), 6)
-        share[3:6] = share[9:12] = 1.0
-        kept = share > 0
-        return feet if (share == 1.0).all() else np.sqrt(share[kept])[:, None] * feet[kept]
+        if in_contact.all():
+            return feet
+        kept = feet.copy()
+        for foot, standing in enumerate(in_contact):
+            if not standing:
+                kept[6 * foot : 6 * foot + 3] *= self._swing_share
+        return kept
 
     def _wrench_reference(self, reference: WholeBodyReference, command: Array, load_scale: float) -> Array:
         """Wrenches (12,) that give the CoM the acceleration that an acceleration command (nv,) asks of it.

@@ -44,6 +44,8 @@ def test_the_foot_goes_up_and_comes_down_again(heavy_run: RunResult) -> None:
     assert 0.4 < summary["right_load_end"] < 0.6
     assert summary["qp_failures"] == 0
     np.testing.assert_allclose(heavy_run.series["in_contact"][[0, -1]], 1.0)
+    # what can be run again from its configuration alone
+    assert {name: heavy_run.config["taichi"][name] for name in SHORT} == SHORT
 
 
 def test_the_zmp_stays_in_the_sole_all_the_time(heavy_run: RunResult) -> None:

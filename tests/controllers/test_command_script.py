@@ -10,11 +10,12 @@ import pytest
 
 import experiments
 from controllers.command_script import CommandedWalk, CommandScript, between, read_script, require_reachable
+from controllers.config import controller_config
 from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
 from controllers.motions import CarriedHands
 from controllers.reference import PointReference, WholeBodyReference, reference_here
 from controllers.walking import Walking
-from controllers.walking_config import WalkTuning, walk_tuning
+from controllers.walking_config import WalkTuning, walk_tuning, walking_changes
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.kinematics import Kinematics
@@ -224,6 +225,17 @@ def test_the_description_tunes_how_a_robot_walks() -> None:
         walk_tuning(_with_tuning(robot, dict(robot.tuning) | {"walking": {"step_heigth": 0.08}}))
     with pytest.raises(ConfigError, match="gain_scale"):
         walk_tuning(_with_tuning(robot, dict(robot.tuning) | {"walking": {"gain_scale": -0.1}}))
+
+
+def test_walking_changes_what_its_table_says_and_leaves_the_other_weights() -> None:
+    robot = load_robot("g1")
+    own = {"force_weight": 3e-4, "moment_weight": 2e-3, "load_estimate_time": 0.7, "gain_scale": 0.75}
+    robot = _with_tuning(robot, dict(robot.tuning) | {"walking": own})
+    base, config = controller_config(robot), controller_config(robot, **walking_changes(robot))
+    assert config.dynwbc == dataclasses.replace(base.dynwbc, force=3e-4, moment=2e-3)
+    assert config.balance == dataclasses.replace(base.balance, load_time=0.7)
+    assert (config.gain_scale, config.without_drift) == (0.75, True)
+    assert walking_changes(robot, load_estimate=False)["balance"].load_time == 0.0
 
 
 def _with_tuning(robot: RobotDescription, tuning: dict[str, Any]) -> RobotDescription:

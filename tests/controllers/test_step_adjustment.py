@@ -61,6 +61,16 @@ def test_on_the_plan_nothing_moves() -> None:
         assert left == SINGLE - t
 
 
+@pytest.mark.parametrize("far", [(0.5, 0.24), (0.1, 0.6), (0.1, 0.02)])
+def test_a_foothold_stays_as_planned_as_long_as_nothing_has_to_move(far: tuple[float, float]) -> None:
+    """To the last digit, its time too, even one beyond the bounds: these are for footholds that are moved."""
+    planned = STANCE.compose(*far, 0.6)
+    for error, kept in ((0.0, True), (0.002, True), (0.05, False)):
+        dcm = PLAN.evaluate(0.2).position + STANCE.axes @ [0.0, error]
+        found, left = ADJUSTMENT.adjust(dcm, STANCE, LEFT, planned, WANTED, SINGLE - 0.2, 0.12)
+        assert (found == planned and left == SINGLE - 0.2) is kept
+
+
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(0.0, 0.4), st.sampled_from((LEFT, RIGHT)))
 def test_footholds_and_times_stay_in_reach(ex: float, ey: float, t: float, swing: int) -> None:

@@ -8,11 +8,13 @@ from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, Veloci
 from controllers.lipm import DcmPlan
 from controllers.step_plan import CLOSED_DISTANCE, CLOSED_TURN, StepPlan
 from controllers.walking_config import WalkTuning
+from robots.errors import ConfigError
 
 OMEGA, WIDTH = 3.8, 0.24
 TUNING = WalkTuning(single_support=0.5, double_support=0.2, stop_time=0.4)
-PLANNER = VelocityFootsteps(TUNING.limits(WIDTH), TUNING.period)
-PLANS = StepPlan(PLANNER, TUNING, OMEGA)
+LIMITS = TUNING.limits(WIDTH)
+PLANNER = VelocityFootsteps(LIMITS, TUNING.period)
+PLANS = StepPlan(PLANNER, LIMITS, TUNING, OMEGA)
 STANCE = Foothold(0.3, -0.1, 0.5)
 AHEAD = VelocityCommand(0.25, 0.05, 0.1)
 STOP = VelocityCommand()
@@ -136,6 +138,33 @@ def test_while_walking_a_plan_looks_as_many_steps_ahead_as_it_says() -> None:
     np.testing.assert_allclose(plan.evaluate(60.0).position, rest, rtol=0, atol=1e-9)
     middles = 0.5 * TUNING.single_support + TUNING.period * np.arange(step_plan.LOOKAHEAD + 1)
     np.testing.assert_allclose(zmps(plan, middles), [p.point for p in points[:-1]], rtol=0, atol=1e-9)
+
+
+class Scripted:
+    """A planner that always answers the same, seen from the standing foot."""
+
+    def __init__(self, *answer: float) -> None:
+        self._answer = answer
+
+    def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
+        return stance.compose(*self._answer)
+
+
+@pytest.mark.parametrize("answer", [(0.9, WIDTH, 0.0), (-0.9, 5.0, 0.0), (0.1, -WIDTH, 0.0), (0.1, WIDTH, 2.0)])
+def test_a_foothold_beyond_the_bounds_is_moved_onto_them(answer: tuple[float, float, float]) -> None:
+    plans = StepPlan(Scripted(*answer), LIMITS, TUNING, OMEGA)
+    found = plans.next_foothold(STANCE, LEFT, AHEAD)
+    low, high = [-LIMITS.forward, LIMITS.narrowest, -LIMITS.turn], [LIMITS.forward, LIMITS.widest, LIMITS.turn]
+    np.testing.assert_allclose(STANCE.relative(found), np.clip(answer, low, high), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("place", range(3))
+@pytest.mark.parametrize("value", [float("nan"), float("inf")])
+def test_a_foothold_that_is_no_place_is_refused(place: int, value: float) -> None:
+    answer = [0.1, WIDTH, 0.0]
+    answer[place] = value
+    with pytest.raises(ConfigError, match="foothold of the planner"):
+        StepPlan(Scripted(*answer), LIMITS, TUNING, OMEGA).from_double(holds(LEFT), LEFT, 0.2, AHEAD)
 
 
 def test_standing_and_coming_to_rest() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import ContactTuning, FilterTuning, TaskTuning, controller_config
+from controllers.config import BalanceTuning, ContactTuning, FilterTuning, TaskTuning, controller_config
 from controllers.reference import PointReference, reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body import TickResult, WholeBodyController
@@ -117,7 +117,8 @@ def spy_on_filter(case: Case, monkeypatch: pytest.MonkeyPatch) -> Spy:
 
 
 def spy_on_dynwbc(case: Case, monkeypatch: pytest.MonkeyPatch) -> Spy:
-    spy = Spy(("kin", "acceleration", "wrench", "in_contact", "contact_bias"), case.controller.dynwbc.build)
+    names = ("kin", "acceleration", "wrench", "in_contact", "contact_bias", "conditions", "joint_bounds", "load_scale")
+    spy = Spy((*names, "load_limits"), case.controller.dynwbc.build)
     monkeypatch.setattr(case.controller.dynwbc, "build", spy)
     return spy
 
@@ -428,6 +429,25 @@ def test_the_first_torques_start_from_the_measured_ones(robot: RobotDescription)
     state = replace(case.state, tau=0.3 * robot.joint_array("effort") * rng.uniform(-1.0, 1.0, len(robot.joints)))
     case.controller.reset(state)
     np.testing.assert_allclose(case.tick().command.tau, state.tau, rtol=0, atol=0.01)
+
+
+def test_the_load_follows_the_forces_under_the_feet_and_stays_where_they_are_not_measured(
+    robot: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """1.2 times the weight, then no measurement: model and wrench reference are scaled by what was found last."""
+    weight = robot.total_mass * 9.81
+    case = Case(robot, filter="none", balance=BalanceTuning(load_time=0.5))
+    spy = spy_on_dynwbc(case, monkeypatch)
+    light = force_of(case, (case.tick(), spy.seen["wrench"])[1])
+    assert spy.seen["load_scale"] == 1.0
+    measured = replace(case.state, foot_forces=np.array([0.5, 0.7]) * weight)
+    ticks = round(0.5 / case.config.dt)
+    for _ in range(ticks):
+        case.controller.tick(measured, case.reference)
+    expected = 1.0 + 0.2 * (1.0 - (1.0 - case.config.dt / 0.5) ** ticks)
+    case.tick()
+    assert spy.seen["load_scale"] == pytest.approx(expected, rel=1e-12)
+    np.testing.assert_allclose(force_of(case, spy.seen["wrench"]), expected * light, rtol=1e-9, atol=1e-9 * weight)
 
 
 CHANGED = DynWbcWeights(

@@ -5,6 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
@@ -19,6 +21,7 @@ from experiments.locomotion_figures import (
 )
 from experiments.options import WalkOptions
 from experiments.registry import EXPERIMENTS, experiment_called, experiment_of
+from experiments.scenario import PUSH_TIME, Push
 from experiments.walk import FIRST, LAST, check_walk, command_profile, commands_at, meeting, sway
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics
@@ -34,6 +37,7 @@ from robots.pinocchio_model import standing_configuration
         (WalkOptions(wz=math.nan), "wz", "finite"),
         (WalkOptions(duration=4.0), "duration", "above 4 s"),
         (WalkOptions(push=("80,up,3",)), "push", "forward, left"),
+        (WalkOptions(push=("80,left,20",), duration=20.0), "push", "within the run's 20 s"),
         (WalkOptions(obstacle="cube"), "obstacle", "none, static, moving"),
         (WalkOptions(obstacle="static", vy=0.05), "vx, vy, wz", "straight forward"),
         (WalkOptions(obstacle="static", vx=0.0), "vx, vy, wz", "straight forward"),
@@ -103,6 +107,17 @@ def test_the_sphere_reaches_into_where_the_hand_goes(name: str, kind: str) -> No
     np.testing.assert_allclose(encounter.sphere.velocity(0.0), [-speed, 0.0, 0.0])
     travelled = encounter.sphere.position(place.time) - encounter.sphere.position(0.0)
     np.testing.assert_allclose(travelled, [-speed * place.time, 0.0, 0.0], atol=1e-12)
+
+
+@given(st.integers(0, 30_000), st.sampled_from((2.5e-4, 5e-4, 1e-3)))
+def test_a_push_gives_its_whole_impulse_whenever_it_begins(start: int, dt: float) -> None:
+    """On a clock that adds up its steps, as a simulator's does: neither a step short nor one too many."""
+    push = Push(60.0, 30.0, 1e-3 * start)
+    times = np.cumsum(np.full(round((push.time + 0.2) / dt), dt)) - dt
+    near = times[(times > push.time - 0.05) & (times < push.time + 0.15)]
+    impulse = dt * sum(push.at(float(t)) for t in near)
+    expected = 60.0 * PUSH_TIME * np.array([math.cos(math.pi / 6), 0.5, 0.0])
+    np.testing.assert_allclose(impulse, expected, rtol=1e-9, atol=1e-9)
 
 
 def test_a_place_beside_the_way_is_checked() -> None:

@@ -210,6 +210,22 @@ def test_load_ends_at_the_feet_and_stays_there() -> None:
     np.testing.assert_allclose(load_from_zmp(centres.mean(axis=0), centres, BOTH), [0.5, 0.5], atol=1e-15)
 
 
+@given(seeds, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_no_foot_is_loaded_above_its_limit_and_the_load_is_the_nearest_that_is_allowed(
+    seed: int, one: float, other: float
+) -> None:
+    rng = np.random.default_rng(seed)
+    limits = np.array([one, max(other, 1.0 - one)])
+    centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
+    load = load_from_zmp(zmp, centres, BOTH, limits)
+    assert load.sum() == pytest.approx(1.0, abs=1e-15)
+    assert (load >= 0).all()
+    assert (load <= limits + 1e-12).all()
+    free = load_from_zmp(zmp, centres, BOTH)[0]
+    np.testing.assert_allclose(load[0], np.clip(free, 1.0 - limits[1], limits[0]), rtol=0, atol=1e-12)
+    np.testing.assert_array_equal(load_from_zmp(zmp, centres, np.array([True, False]), limits), [1.0, 0.0])
+
+
 def test_feet_in_one_place_share_equally() -> None:
     np.testing.assert_array_equal(load_from_zmp(np.ones(2), np.zeros((2, 2)), BOTH), [0.5, 0.5])
 

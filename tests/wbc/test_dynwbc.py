@@ -391,6 +391,22 @@ def test_a_foot_carries_no_more_than_its_limit(kin: Kinematics, limits: tuple[fl
         np.testing.assert_allclose(result.wrench, free.wrench, rtol=0, atol=1e-6 * weight)
 
 
+@pytest.mark.parametrize("foot", [0, 1])
+def test_on_one_foot_its_own_limit_counts(kin: Kinematics, foot: int) -> None:
+    kin.update(standing_configuration(kin.robot), np.zeros(kin.nv))
+    dynwbc = controller(kin)
+    standing = np.arange(2) == foot
+    weight, normal = kin.robot.total_mass * GRAVITY, 6 * foot + 2
+    carried = []
+    for limits in ((1.0, 0.4), (0.4, 1.0)):
+        wrench = 2.0 * weight_on_both(kin)
+        result = dynwbc.solve(dynwbc.build(kin, np.zeros(kin.nv), wrench, standing, load_limits=np.array(limits)))
+        assert result.status == "optimal"
+        carried.append(result.wrench[normal] / weight)
+    assert carried[1 - foot] == pytest.approx(0.4, abs=1e-6)
+    assert carried[foot] > 0.9
+
+
 def test_a_limit_does_not_load_a_foot_in_the_air(kin: Kinematics) -> None:
     kin.update(standing_configuration(kin.robot), np.zeros(kin.nv))
     dynwbc = controller(kin)

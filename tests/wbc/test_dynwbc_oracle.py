@@ -70,7 +70,9 @@ def random_case(kin: Kinematics, rng: np.random.Generator, support: str, weights
     q[7:] = np.clip(q[7:] + 0.4 * rng.normal(size=low.size), low, high)
     q = kin.integrate(q, np.concatenate([rng.normal(size=6), np.zeros(low.size)]), 1.0)
     kin.update(q, rng.normal(size=kin.nv))
-    contacts = [SoleContact(s.frame, 0.9 * s.half_length, 0.9 * s.half_width, 0.6) for s in kin.robot.soles]
+    # no foot like the other: which is which has to matter
+    parts = zip(kin.robot.soles, (0.9, 0.7), (0.6, 0.5), strict=True)
+    contacts = [SoleContact(s.frame, share * s.half_length, share * s.half_width, mu) for s, share, mu in parts]
     weight = kin.robot.total_mass * 9.81
     scale = push * weight * np.array([0.3, 0.3, 0.5, 0.03, 0.05, 0.03])
     wrench = np.tile([0.0, 0.0, 0.5 * weight, 0.0, 0.0, 0.0], 2) + np.tile(scale, 2) * rng.normal(size=12)

@@ -6,6 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
+from controllers.step_timing import StepTiming
 from robots.checks import require_finite, require_positive
 from robots.errors import ConfigError
 from robots.messages import Array
@@ -44,6 +45,11 @@ class VelocityCommand:
             vx, vy = self.vx + dx * speed / size, self.vy + dy * speed / size
         wz = min(max(other.wz, self.wz - turn), self.wz + turn)
         return VelocityCommand(vx, vy, wz, other.stepping)
+
+    @property
+    def speed(self) -> float:
+        """Of the body, without its turning [m/s]."""
+        return math.hypot(self.vx, self.vy)
 
     @property
     def walks(self) -> bool:
@@ -139,19 +145,19 @@ class VelocityFootsteps:
 
     Args:
         limits: bounds of one foothold.
-        period: T, time of one step [s], above 0.
+        timing: T, the time of one step at each speed.
     """
 
-    def __init__(self, limits: StepLimits, period: float) -> None:
-        require_positive("period of a step", period)
+    def __init__(self, limits: StepLimits, timing: StepTiming) -> None:
         self.limits = limits
-        self.period = period
+        self.timing = timing
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
         """See :meth:`FootstepPlanner.next_foothold`."""
         half = 0.5 * self.limits.width * (1.0 if swing == LEFT else -1.0)
         body = stance.compose(0.0, half, 0.0)
-        turn, reach = command.wz * self.period, self.period
+        reach = self.timing.period(command.speed)
+        turn = command.wz * reach
         # Exp of a planar velocity: the body turns while it moves
         a, b = (1.0, 0.5 * turn) if abs(turn) < 1e-6 else (math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn)
         x = reach * (a * command.vx - b * command.vy)

@@ -111,7 +111,7 @@ class LateralSteps:
             widest=max(walk.widest, 1.25 * tuning.stride / width),
         )
         self.walking = Walking(robot, walk, state, SideSteps(tuning.apart, tuning.stride, width))
-        self._speed = (tuning.stride - tuning.apart) / (2.0 * walk.period)
+        self._speed = (tuning.stride - tuning.apart) / (2.0 * (tuning.single_support + tuning.double_support))
 
     def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
         """See :meth:`controllers.gait.Gait.apply`."""

@@ -26,7 +26,7 @@ class StepPlan:
     def __init__(self, planner: FootstepPlanner, limits: StepLimits, tuning: WalkTuning, omega: float) -> None:
         """``planner`` chooses footholds within ``limits``; times are those of ``tuning``; ``omega``: pendulum [1/s]."""
         self._planner, self._limits = planner, limits
-        self._tuning = tuning
+        self._tuning, self._timing = tuning, tuning.timing
         self._omega = omega
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
@@ -64,7 +64,7 @@ class StepPlan:
         """
         stance = holds[1 - swing]
         target = self.next_foothold(stance, swing, command)
-        phases = self._phases(stance, swing, target, self._tuning.single_support, command)
+        phases = self._phases(stance, swing, target, self._timing.single(command.speed), command)
         if start is None:
             return DcmPlan([ZmpPhase(holds[swing].point, stance.point, duration), *phases], self._omega)
         at_lift = DcmPlan(phases, self._omega).evaluate(0.0).position
@@ -82,7 +82,7 @@ class StepPlan:
     def _phases(
         self, stance: Foothold, swing: int, target: Foothold, single: float, command: VelocityCommand
     ) -> list[ZmpPhase]:
-        tuning = self._tuning
+        tuning, usual = self._tuning, self._timing.single(command.speed)
         phases = [ZmpPhase(stance.point, stance.point, single)]
         standing, landing, side = stance, target, swing
         for _ in range(LOOKAHEAD):
@@ -90,7 +90,7 @@ class StepPlan:
                 phases.append(ZmpPhase(standing.point, 0.5 * (standing.point + landing.point), tuning.stop_time))
                 break
             phases.append(ZmpPhase(standing.point, landing.point, tuning.double_support))
-            phases.append(ZmpPhase(landing.point, landing.point, tuning.single_support))
+            phases.append(ZmpPhase(landing.point, landing.point, usual))
             standing, side = landing, 1 - side
             landing = self.next_foothold(standing, side, command)
         else:

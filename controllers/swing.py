@@ -1,9 +1,14 @@
 """The path of a swinging foot, which may be sent elsewhere on its way."""
 
+import math
+
 import numpy as np
 
 from robots.checks import require_non_negative, require_positive
 from robots.messages import Array
+
+PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
+"""Of a quintic from rest to rest, over its length and per square of its duration."""
 
 RATE = np.diag([1.0, 2.0, 3.0, 4.0, 5.0], 1)
 """From coefficients of a polynomial of degree five to those of its rate."""
@@ -67,7 +72,7 @@ class SwingPath:
         touch_speed: downward speed at the end, 0 or above [m/s].
     """
 
-    ARRIVAL = 0.88
+    ARRIVAL = 0.95
     RISE = 0.45
 
     def __init__(self, start: Array, target: Array, apex: float, duration: float, touch_speed: float = 0.0) -> None:

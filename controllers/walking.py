@@ -58,7 +58,8 @@ class Walking:
         self._feet = feet = Feet(robot, state)
         self._reference = WalkingReference(robot, feet)
         self.limits = tuning.limits(feet.width)
-        planner = planner or VelocityFootsteps(self.limits, tuning.period)
+        self._timing = tuning.timing
+        planner = planner or VelocityFootsteps(self.limits, self._timing)
         self._plans = StepPlan(planner, self.limits, tuning, feet.omega)
         self._room = tuning.zmp_share * np.array([[s.half_length, s.half_width] for s in robot.soles])
         self._adjustment = StepAdjustment(self.limits, feet.omega, self._room[0], tuning.double_support)
@@ -163,18 +164,19 @@ class Walking:
     def _needs_shift(self) -> bool:
         """Whether the DCM's error would move the next foothold by ``wait_shift`` or more."""
         now = self._plan.evaluate(self._double - self._tuning.load_time).position
-        lead = self._plan.evaluate(self._double + self._tuning.single_support).position
+        single = self._timing.single(self._heeded.speed)
+        lead = self._plan.evaluate(self._double + single).position
         stance = self._feet.holds[1 - self._swing]
         at_lift = self._plan.evaluate(self._double).position + (self._feet.dcm - now)
-        shift = self._adjustment.shift(at_lift, stance, lead, self._tuning.single_support)
+        shift = self._adjustment.shift(at_lift, stance, lead, single)
         return max(abs(s) for s in shift) >= self._tuning.wait_shift
 
     def _lift(self, t: float) -> None:
         stance, foot, tuning = self._feet.holds[1 - self._swing], self._feet.holds[self._swing], self._tuning
         self._nominal = self._target = self._plans.next_foothold(stance, self._swing, self._heeded)
         start = np.array([foot.x, foot.y, self._feet.heights[self._swing], foot.yaw])
-        self._path = SwingPath(start, self._goal(), tuning.step_height, tuning.single_support, tuning.touch_speed)
-        self._single = tuning.single_support
+        self._single = self._timing.single(self._heeded.speed)
+        self._path = SwingPath(start, self._goal(), tuning.step_height, self._single, tuning.touch_speed)
         self._plan = self._plan_single()
         self._wanted = self._plan.evaluate(self._single).position
         self._last = self._closes()

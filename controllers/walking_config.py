@@ -6,6 +6,7 @@ from typing import Any
 
 from controllers.config import controller_config, from_table
 from controllers.footsteps import StepLimits, VelocityCommand
+from controllers.step_timing import StepTiming
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -16,10 +17,11 @@ class WalkTuning:
     """How a robot walks.
 
     Attributes:
-        single_support: time on one foot, above 0 [s].
+        single_support: time on one foot, above 0 [s]; longer in fast walking, by ``swing_acceleration``.
         double_support: time on both feet between steps, above 0 [s].
         start_time: time of the first double support, from standing, above 0 [s].
         step_height: by which a foot is lifted, above 0 [m].
+        swing_acceleration: largest horizontal acceleration of a foot on its planned path, above 0 [m/s^2].
         forward: longest step forward or back [m].
         narrowest: smallest distance of the feet, as a share of that in the standing posture, in (0, 1].
         widest: largest, as a share of it, 1 or above.
@@ -53,6 +55,7 @@ class WalkTuning:
     double_support: float = 0.2
     start_time: float = 0.8
     step_height: float = 0.06
+    swing_acceleration: float = 11.0
     forward: float = 0.35
     narrowest: float = 0.42
     widest: float = 1.8
@@ -92,6 +95,7 @@ class WalkTuning:
             "catch_error",
             "wait_shift",
             "step_height",
+            "swing_acceleration",
             "force_weight",
             "moment_weight",
             "load_estimate_time",
@@ -113,9 +117,9 @@ class WalkTuning:
         require_between("walking widest", self.widest, 1.0, 5.0)
 
     @property
-    def period(self) -> float:
-        """Time of one step [s]."""
-        return self.single_support + self.double_support
+    def timing(self) -> StepTiming:
+        """How long a step takes at each velocity."""
+        return StepTiming(self.single_support, self.double_support, self.swing_acceleration)
 
     def limits(self, width: float) -> StepLimits:
         """Bounds of footholds for feet that stand ``width`` apart [m]."""
@@ -125,7 +129,9 @@ class WalkTuning:
         """Largest velocity in each direction that the bounds of footholds allow, feet ``width`` apart [m]."""
         # the leading foot goes 1 + v, or where the trailing one stops at the narrowest, narrowest + 2 v
         sideways = width * min(self.widest - 1.0, 0.5 * (self.widest - self.narrowest))
-        return VelocityCommand(self.forward / self.period, sideways / self.period, self.turn / self.period)
+        timing = self.timing
+        turning = self.turn / (self.single_support + self.double_support)
+        return VelocityCommand(timing.speed(self.forward), timing.speed(sideways), turning)
 
 
 def walk_tuning(robot: RobotDescription) -> WalkTuning:

@@ -134,7 +134,7 @@ def cases(robot: str, stance: str, direction: str, mass_scale: float) -> list[Pu
     """The pushes of which the worst counts: left and right, and while walking at several instants of one step."""
     times = {"standing": [STANDING_AT], "one-leg": [ONE_LEG_AT]}.get(stance)
     if times is None:
-        period = walk_tuning(load_robot(robot)).period
+        period = walk_tuning(load_robot(robot)).timing.period(SPEED)
         times = [round(WALKING_AT + k * period / PHASES, 3) for k in range(PHASES)]
     pairs = itertools.product(times, SIDES[direction])
     return [PushCase(robot, stance, side, time, mass_scale) for time, side in pairs]

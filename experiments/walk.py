@@ -160,9 +160,10 @@ def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter |
 def meeting(options: WalkOptions, robot: RobotDescription) -> Beside:
     """Where the left hand meets the sphere: in the middle of the left foot's third support, swayed to the left."""
     tuning, feet = walk_tuning(robot), _standing(robot, options)
-    time = FIRST + tuning.start_time + 0.5 * tuning.single_support + MEETING_STEPS * tuning.period
-    ahead = MEETING_STEPS * tuning.period * options.vx
-    sideways = sway(0.5 * feet.width, feet.omega, tuning.single_support, tuning.double_support)
+    single, period = tuning.timing.single(options.vx), tuning.timing.period(options.vx)
+    time = FIRST + tuning.start_time + 0.5 * single + MEETING_STEPS * period
+    ahead = MEETING_STEPS * period * options.vx
+    sideways = sway(0.5 * feet.width, feet.omega, single, tuning.double_support)
     return Beside(options.obstacle, ahead, sideways, time, _posture(options.hands))
 
 

@@ -126,21 +126,26 @@ def test_the_robot_stands_before_and_after() -> None:
     assert [command(t).walks for t in (0.0, 0.998, 1.0, 4.998, 5.0, 9.0)] == [False, False, True, True, False, False]
 
 
-@pytest.mark.parametrize("tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1)])
+@pytest.mark.parametrize(
+    "tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1, swing_acceleration=5.0)]
+)
 def test_the_fastest_command_is_the_last_that_the_footholds_follow(tuning: WalkTuning) -> None:
     width = 0.24
     fastest, limits = tuning.fastest(width), tuning.limits(width)
-    planner = VelocityFootsteps(limits, tuning.period)
+    planner = VelocityFootsteps(limits, tuning.timing)
 
     def two_steps(vy: float) -> float:
         start = Foothold(0.0, 0.0, 0.0)
         other = planner.next_foothold(start, LEFT, VelocityCommand(vy=vy))
         return planner.next_foothold(other, RIGHT, VelocityCommand(vy=vy)).y
 
-    assert two_steps(fastest.vy) == pytest.approx(2 * fastest.vy * tuning.period, abs=1e-12)
-    assert two_steps(1.05 * fastest.vy) < 2.09 * fastest.vy * tuning.period
-    assert fastest.vx * tuning.period == pytest.approx(limits.forward)
-    assert fastest.wz * tuning.period == pytest.approx(limits.turn)
+    def way(speed: float) -> float:
+        return speed * tuning.timing.period(speed)
+
+    assert two_steps(fastest.vy) == pytest.approx(2 * way(fastest.vy), abs=1e-12)
+    assert two_steps(1.05 * fastest.vy) < 1.999 * way(1.05 * fastest.vy)
+    assert way(fastest.vx) == pytest.approx(limits.forward)
+    assert fastest.wz * tuning.timing.period(0.0) == pytest.approx(limits.turn)
     require_reachable(fastest, fastest)
     for name in ("vx", "vy", "wz"):
         with pytest.raises(ConfigError, match=name):

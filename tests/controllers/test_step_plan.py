@@ -13,7 +13,7 @@ from robots.errors import ConfigError
 OMEGA, WIDTH = 3.8, 0.24
 TUNING = WalkTuning(single_support=0.5, double_support=0.2, stop_time=0.4)
 LIMITS = TUNING.limits(WIDTH)
-PLANNER = VelocityFootsteps(LIMITS, TUNING.period)
+PLANNER = VelocityFootsteps(LIMITS, TUNING.timing)
 PLANS = StepPlan(PLANNER, LIMITS, TUNING, OMEGA)
 STANCE = Foothold(0.3, -0.1, 0.5)
 AHEAD = VelocityCommand(0.25, 0.05, 0.1)
@@ -136,7 +136,7 @@ def test_while_walking_a_plan_looks_as_many_steps_ahead_as_it_says() -> None:
         side = 1 - side
     rest = 0.5 * (points[-2].point + points[-1].point)
     np.testing.assert_allclose(plan.evaluate(60.0).position, rest, rtol=0, atol=1e-9)
-    middles = 0.5 * TUNING.single_support + TUNING.period * np.arange(step_plan.LOOKAHEAD + 1)
+    middles = 0.5 * TUNING.single_support + TUNING.timing.period(AHEAD.speed) * np.arange(step_plan.LOOKAHEAD + 1)
     np.testing.assert_allclose(zmps(plan, middles), [p.point for p in points[:-1]], rtol=0, atol=1e-9)
 
 

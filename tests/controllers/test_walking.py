@@ -197,7 +197,9 @@ def test_feet_swing_in_turn_for_the_times_of_the_tuning(bench: Bench) -> None:
     assert len(lifts) >= 6
     feet = [foot for _, foot in lifts]
     assert all(a != b for a, b in pairwise(feet))
-    np.testing.assert_allclose(np.diff([i for i, _ in lifts]) * DT, tuning.period, rtol=0, atol=2.01 * DT)
+    np.testing.assert_allclose(
+        np.diff([i for i, _ in lifts]) * DT, tuning.timing.period(AHEAD.speed), rtol=0, atol=2.01 * DT
+    )
     single = (contact.sum(axis=1) == 1).sum() * DT / len(lifts)
     assert single == pytest.approx(tuning.single_support, abs=0.1)
     first = lifts[0][0] * DT
@@ -213,7 +215,7 @@ def test_the_feet_go_as_fast_as_the_command(bench: Bench, command: VelocityComma
     bench.until(lambda tick: tick.steps == 4, 8.0)
     start, counted, at = bench.foothold(LEFT), bench.walking.steps, bench.ticks[-1].t
     bench.until(lambda tick: tick.steps == counted + 8, 10.0)
-    seconds = 8 * bench.tuning.period
+    seconds = 8 * bench.tuning.timing.period(command.speed)
     assert bench.ticks[-1].t - at == pytest.approx(seconds, abs=20 * DT)
     half, turn = 0.5 * bench.walking.limits.width, command.wz * seconds
     a, b = (1.0, 0.0) if turn == 0.0 else (math.sin(turn) / turn, (1 - math.cos(turn)) / turn)
@@ -257,8 +259,9 @@ def test_references_do_not_jump(bench: Bench) -> None:
     assert zmp[~landing].max() < 0.5 / bench.tuning.double_support * DT
     # a change of speed moves the end of the next step, and the DCM by what is left of that at its beginning
     assert bench.reference.dcm is not None
-    growth = math.exp(bench.reference.dcm.omega * bench.tuning.period)
-    assert dcm[landing].max() < 1.1 * bench.tuning.speed_change * bench.tuning.period / (growth - 1.0)
+    period = bench.tuning.timing.period(0.0)
+    growth = math.exp(bench.reference.dcm.omega * period)
+    assert dcm[landing].max() < 1.1 * bench.tuning.speed_change * period / (growth - 1.0)
 
 
 def test_at_a_constant_command_the_dcm_does_not_jump_at_touchdowns(bench: Bench) -> None:
@@ -400,7 +403,7 @@ def test_a_command_is_heeded_from_the_next_step_on(bench: Bench) -> None:
     bench.until(lambda tick: tick.steps == 1)
     assert bench.apart()[0] == pytest.approx(0.0, abs=1e-6)
     bench.until(lambda tick: tick.steps == 2)
-    assert abs(bench.apart()[0]) == pytest.approx(0.1 * bench.tuning.period, abs=1e-6)
+    assert abs(bench.apart()[0]) == pytest.approx(0.1 * bench.tuning.timing.period(0.1), abs=1e-6)
 
 
 def test_speed_changes_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -411,7 +414,7 @@ def test_speed_changes_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:
     for step in range(1, 5):
         bench.until(lambda tick, step=step: tick.steps == step)  # type: ignore[misc]
         strides.append(abs(bench.apart()[0]))
-    expected = tuning.period * np.array([0.1, 0.2, 0.25, 0.25])
+    expected = [speed * tuning.timing.period(speed) for speed in (0.1, 0.2, 0.25, 0.25)]
     np.testing.assert_allclose(strides, expected, rtol=0, atol=1e-6)
 
 

@@ -53,7 +53,7 @@ def test_the_worst_of_the_cases_counts(limits: list[int], top: int) -> None:
 def test_instants_of_walking_are_evenly_spread_over_one_step() -> None:
     pushes = cases("g1", "walking", "sideways", 1.0)
     times = sorted({case.time for case in pushes})
-    gaps = np.diff([*times, times[0] + push_search.walk_tuning(load_robot("g1")).period])
+    gaps = np.diff([*times, times[0] + push_search.walk_tuning(load_robot("g1")).timing.period(push_search.SPEED)])
     np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
     assert {(case.time, case.direction) for case in pushes} == {(t, d) for t in times for d in ("left", "right")}
 

@@ -32,7 +32,7 @@ from robots.pinocchio_model import standing_configuration
 @pytest.mark.parametrize(
     ("options", "named", "allowed"),
     [
-        (WalkOptions(vx=1.0), "vx", "0.58"),
+        (WalkOptions(vx=1.0), "vx", "0.444"),
         (WalkOptions(vy=-0.5), "vy", "from -"),
         (WalkOptions(wz=math.nan), "wz", "finite"),
         (WalkOptions(duration=4.0), "duration", "above 4 s"),

@@ -20,6 +20,10 @@ class ConfigError(SafeWbcError, ValueError):
         self.value = value
         self.allowed = allowed
 
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        # an exception is pickled by its message alone if nothing is said, and then another process cannot hand it on
+        return type(self), (self.name, self.value, self.allowed)
+
 
 class DescriptionError(SafeWbcError, ValueError):
     """A robot description cannot be used.
@@ -38,6 +42,9 @@ class DescriptionError(SafeWbcError, ValueError):
         self.value = value
         self.allowed = allowed
 
+    def __reduce__(self) -> tuple[type, tuple[str, str, object, str]]:
+        return type(self), (self.file, self.entry, self.value, self.allowed)
+
 
 class UnknownNameError(SafeWbcError, KeyError):
     """A name (robot, frame, joint, filter, experiment) is not among the known ones."""
@@ -47,6 +54,9 @@ class UnknownNameError(SafeWbcError, KeyError):
         self.kind = kind
         self.name = name
         self.known = known
+
+    def __reduce__(self) -> tuple[type, tuple[str, str, list[str]]]:
+        return type(self), (self.kind, self.name, self.known)
 
     def __str__(self) -> str:
         return str(self.args[0])

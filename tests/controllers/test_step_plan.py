@@ -17,6 +17,7 @@ PLANNER = VelocityFootsteps(LIMITS, TUNING.timing)
 PLANS = StepPlan(PLANNER, LIMITS, TUNING, OMEGA)
 STANCE = Foothold(0.3, -0.1, 0.5)
 AHEAD = VelocityCommand(0.25, 0.05, 0.1)
+FAST = VelocityCommand(0.45)
 STOP = VelocityCommand()
 
 
@@ -45,14 +46,14 @@ def test_the_zmp_goes_from_the_lifting_foot_to_the_standing_one_and_stays(swing:
     np.testing.assert_allclose(standing, np.tile(STANCE.point, (7, 1)), rtol=0, atol=1e-12)
 
 
-@pytest.mark.parametrize("command", [AHEAD, STOP, VelocityCommand(stepping=True)])
+@pytest.mark.parametrize("command", [AHEAD, FAST, STOP, VelocityCommand(stepping=True)])
 @pytest.mark.parametrize("swing", [LEFT, RIGHT])
 def test_lift_off_goes_on_where_double_support_ended(swing: int, command: VelocityCommand) -> None:
     """The same foothold and time: the two plans are one function of time."""
     double = TUNING.double_support
     before = PLANS.from_double(holds(swing), swing, double, command)
     target = PLANNER.next_foothold(STANCE, swing, command)
-    after = PLANS.from_lift(STANCE, swing, target, TUNING.single_support, command)
+    after = PLANS.from_lift(STANCE, swing, target, TUNING.timing.single(command.speed), command)
     for t in np.linspace(0.0, 2.0, 21):
         a, b = before.evaluate(double + t), after.evaluate(t)
         np.testing.assert_allclose(a.position, b.position, rtol=0, atol=1e-12)
@@ -126,17 +127,18 @@ def test_a_foothold_that_is_not_closed_needs_another_step() -> None:
     np.testing.assert_allclose(plan.evaluate(at).zmp, far.point, rtol=0, atol=1e-9)
 
 
-def test_while_walking_a_plan_looks_as_many_steps_ahead_as_it_says() -> None:
-    target = PLANNER.next_foothold(STANCE, LEFT, AHEAD)
-    plan = PLANS.from_lift(STANCE, LEFT, target, TUNING.single_support, AHEAD)
+@pytest.mark.parametrize("command", [AHEAD, FAST])
+def test_while_walking_a_plan_looks_as_many_steps_ahead_as_it_says(command: VelocityCommand) -> None:
+    target, single = PLANNER.next_foothold(STANCE, LEFT, command), TUNING.timing.single(command.speed)
+    plan = PLANS.from_lift(STANCE, LEFT, target, single, command)
     points, foot, side = [STANCE, target], target, RIGHT
     for _ in range(step_plan.LOOKAHEAD):
-        foot = PLANNER.next_foothold(foot, side, AHEAD)
+        foot = PLANNER.next_foothold(foot, side, command)
         points.append(foot)
         side = 1 - side
     rest = 0.5 * (points[-2].point + points[-1].point)
     np.testing.assert_allclose(plan.evaluate(60.0).position, rest, rtol=0, atol=1e-9)
-    middles = 0.5 * TUNING.single_support + TUNING.timing.period(AHEAD.speed) * np.arange(step_plan.LOOKAHEAD + 1)
+    middles = 0.5 * single + TUNING.timing.period(command.speed) * np.arange(step_plan.LOOKAHEAD + 1)
     np.testing.assert_allclose(zmps(plan, middles), [p.point for p in points[:-1]], rtol=0, atol=1e-9)
 
 

@@ -26,6 +26,8 @@ from robots.pinocchio_model import standing_configuration
 DT = 0.002
 ROBOT = load_robot("g1")
 AHEAD = VelocityCommand(vx=0.2)
+FAST = VelocityCommand(vx=0.41)
+"""Fast enough for a step to take longer."""
 STOP = VelocityCommand()
 
 
@@ -207,7 +209,7 @@ def test_feet_swing_in_turn_for_the_times_of_the_tuning(bench: Bench) -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [AHEAD, VelocityCommand(vx=-0.15), VelocityCommand(vy=0.08), VelocityCommand(vx=0.1, wz=0.3)]
+    "command", [AHEAD, FAST, VelocityCommand(vx=-0.15), VelocityCommand(vy=0.08), VelocityCommand(vx=0.1, wz=0.3)]
 )
 def test_the_feet_go_as_fast_as_the_command(bench: Bench, command: VelocityCommand) -> None:
     """Over four pairs of steps at full speed the left foot moves by Exp of the command, half a width off the body."""
@@ -216,7 +218,8 @@ def test_the_feet_go_as_fast_as_the_command(bench: Bench, command: VelocityComma
     start, counted, at = bench.foothold(LEFT), bench.walking.steps, bench.ticks[-1].t
     bench.until(lambda tick: tick.steps == counted + 8, 10.0)
     seconds = 8 * bench.tuning.timing.period(command.speed)
-    assert bench.ticks[-1].t - at == pytest.approx(seconds, abs=20 * DT)
+    # lift-off waits for the next tick, touchdown for that and for the force to be seen twice
+    assert seconds - DT < bench.ticks[-1].t - at < seconds + 8 * 3 * DT + DT
     half, turn = 0.5 * bench.walking.limits.width, command.wz * seconds
     a, b = (1.0, 0.0) if turn == 0.0 else (math.sin(turn) / turn, (1 - math.cos(turn)) / turn)
     body = seconds * np.array([a * command.vx - b * command.vy, b * command.vx + a * command.vy])

@@ -16,7 +16,7 @@ from pathlib import Path
 from controllers.footsteps import VelocityCommand
 from controllers.reference import WholeBodyReference
 from controllers.walking import Walking
-from robots.checks import require_between, require_non_negative
+from robots.checks import require_non_negative
 from robots.errors import ConfigError
 from robots.messages import RobotState
 
@@ -28,17 +28,6 @@ LINE = "time [s] and vx [m/s], vy [m/s], wz [rad/s], or time and stop, or time a
 
 CommandProfile = Callable[[float], VelocityCommand]
 """The command at a time [s]."""
-
-
-def require_reachable(command: VelocityCommand, fastest: VelocityCommand) -> None:
-    """Check that the longest steps are long enough for a command.
-
-    Raises:
-        ConfigError: a velocity is larger than that of ``fastest``; names it and the largest.
-    """
-    for name in ("vx", "vy", "wz"):
-        largest = getattr(fastest, name)
-        require_between(name, getattr(command, name), -largest, largest)
 
 
 class CommandScript:
@@ -68,7 +57,7 @@ class CommandScript:
         return self.commands[i - 1] if i else VelocityCommand()
 
 
-def read_script(path: Path, fastest: VelocityCommand | None = None) -> CommandScript:
+def read_script(path: Path, check: Callable[[VelocityCommand], None] | None = None) -> CommandScript:
     """Read a script: one command a line, ``#`` begins a comment, numbers are parted by blanks or commas.
 
     A line holds a time and three velocities, or a time and ``stop`` (stand with the feet side by side) or ``step`` (on
@@ -80,7 +69,7 @@ def read_script(path: Path, fastest: VelocityCommand | None = None) -> CommandSc
 
     Args:
         path: the file.
-        fastest: largest velocities that are allowed; any if not given.
+        check: raises a ConfigError for a command that is not allowed; all are if not given.
 
     Raises:
         ConfigError: the file cannot be read, or a line is not allowed; names file, line and what is allowed.
@@ -96,8 +85,8 @@ def read_script(path: Path, fastest: VelocityCommand | None = None) -> CommandSc
             continue
         try:
             time, command = _parse(words)
-            if fastest is not None:
-                require_reachable(command, fastest)
+            if check is not None:
+                check(command)
             CommandScript([*times[-1:], time], [*commands[-1:], command])
         except ConfigError as error:
             allowed = f"{error.allowed} ({error.name} = {error.value!r})"

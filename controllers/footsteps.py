@@ -46,10 +46,9 @@ class VelocityCommand:
         wz = min(max(other.wz, self.wz - turn), self.wz + turn)
         return VelocityCommand(vx, vy, wz, other.stepping)
 
-    @property
-    def speed(self) -> float:
-        """Of the body, without its turning [m/s]."""
-        return math.hypot(self.vx, self.vy)
+    def foot_speed(self, width: float) -> float:
+        """Largest speed of two places under the body, ``width`` apart, that feet have to keep up with [m/s]."""
+        return math.hypot(self.vx, self.vy) + 0.5 * width * abs(self.wz)
 
     @property
     def walks(self) -> bool:
@@ -156,7 +155,7 @@ class VelocityFootsteps:
         """See :meth:`FootstepPlanner.next_foothold`."""
         half = 0.5 * self.limits.width * (1.0 if swing == LEFT else -1.0)
         body = stance.compose(0.0, half, 0.0)
-        reach = self.timing.period(command.speed)
+        reach = self.timing.period(command.foot_speed(self.limits.width))
         turn = command.wz * reach
         # Exp of a planar velocity: the body turns while it moves
         a, b = (1.0, 0.5 * turn) if abs(turn) < 1e-6 else (math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn)

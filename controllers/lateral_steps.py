@@ -93,7 +93,8 @@ class LateralSteps:
     Args:
         robot: the description.
         tuning: the steps.
-        walk: how to walk; its times and its bounds on the distance of the feet are those of ``tuning``.
+        walk: how to walk; its times and its bounds on the distance of the feet are those of ``tuning``, where its
+            ``swing_acceleration`` does not ask for longer times.
         state: standing, both feet down.
 
     Attributes:

@@ -55,16 +55,22 @@ class StepPlan:
         return DcmPlan(self._phases(stance, swing, target, single, command), self._omega)
 
     def from_double(
-        self, holds: list[Foothold], swing: int, duration: float, command: VelocityCommand, start: Array | None = None
+        self,
+        holds: list[Foothold],
+        swing: int,
+        duration: float,
+        single: float,
+        command: VelocityCommand,
+        start: Array | None = None,
     ) -> DcmPlan:
-        """From the moment that both feet are down: ``swing`` lifts after ``duration`` [s].
+        """From the moment that both feet are down: ``swing`` lifts after ``duration`` and lands ``single`` later [s].
 
         The ZMP comes from the foot that lifts; or, from standing, from the DCM ``start`` (2,) [m], by way of one more
         point, so that the plan begins with that DCM.
         """
         stance = holds[1 - swing]
         target = self.next_foothold(stance, swing, command)
-        phases = self._phases(stance, swing, target, self._timing.single(command.speed), command)
+        phases = self._phases(stance, swing, target, single, command)
         if start is None:
             return DcmPlan([ZmpPhase(holds[swing].point, stance.point, duration), *phases], self._omega)
         at_lift = DcmPlan(phases, self._omega).evaluate(0.0).position
@@ -82,7 +88,7 @@ class StepPlan:
     def _phases(
         self, stance: Foothold, swing: int, target: Foothold, single: float, command: VelocityCommand
     ) -> list[ZmpPhase]:
-        tuning, usual = self._tuning, self._timing.single(command.speed)
+        tuning, usual = self._tuning, self._timing.single(command.foot_speed(self._limits.width))
         phases = [ZmpPhase(stance.point, stance.point, single)]
         standing, landing, side = stance, target, swing
         for _ in range(LOOKAHEAD):

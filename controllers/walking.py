@@ -71,7 +71,8 @@ class Walking:
         self._swing = RIGHT
         self._landed: int | None = None
         self._since = self._time = 0.0
-        self._single, self._double = tuning.single_support, tuning.double_support
+        self._single = self._ahead = tuning.single_support
+        self._double = tuning.double_support
         self._waited, self._goes = 0.0, False
         self._path: SwingPath | None = None
         self._target = self._nominal = feet.holds[RIGHT]
@@ -145,8 +146,11 @@ class Walking:
         if start is not None:
             # the foot that landed last has long had its load
             self._landed = None
-        self._heeded = self._heeded.towards(self._command, self._tuning.speed_change, self._tuning.turn_change)
-        self._plan = self._plans.from_double(self._feet.holds, self._swing, duration, self._heeded, start)
+        before, width = self._heeded, self.limits.width
+        self._heeded = before.towards(self._command, self._tuning.speed_change, self._tuning.turn_change)
+        # the foot that lifts stands where the velocity before has left it
+        self._ahead = self._timing.single(max(before.foot_speed(width), self._heeded.foot_speed(width)))
+        self._plan = self._plans.from_double(self._feet.holds, self._swing, duration, self._ahead, self._heeded, start)
         self.support, self._since, self._double = Support.DOUBLE, t, duration
         self._waited, self._goes = 0.0, False
 
@@ -164,18 +168,17 @@ class Walking:
     def _needs_shift(self) -> bool:
         """Whether the DCM's error would move the next foothold by ``wait_shift`` or more."""
         now = self._plan.evaluate(self._double - self._tuning.load_time).position
-        single = self._timing.single(self._heeded.speed)
-        lead = self._plan.evaluate(self._double + single).position
+        lead = self._plan.evaluate(self._double + self._ahead).position
         stance = self._feet.holds[1 - self._swing]
         at_lift = self._plan.evaluate(self._double).position + (self._feet.dcm - now)
-        shift = self._adjustment.shift(at_lift, stance, lead, single)
+        shift = self._adjustment.shift(at_lift, stance, lead, self._ahead)
         return max(abs(s) for s in shift) >= self._tuning.wait_shift
 
     def _lift(self, t: float) -> None:
         stance, foot, tuning = self._feet.holds[1 - self._swing], self._feet.holds[self._swing], self._tuning
         self._nominal = self._target = self._plans.next_foothold(stance, self._swing, self._heeded)
         start = np.array([foot.x, foot.y, self._feet.heights[self._swing], foot.yaw])
-        self._single = self._timing.single(self._heeded.speed)
+        self._single = self._ahead
         self._path = SwingPath(start, self._goal(), tuning.step_height, self._single, tuning.touch_speed)
         self._plan = self._plan_single()
         self._wanted = self._plan.evaluate(self._single).position

@@ -21,7 +21,8 @@ class WalkTuning:
         double_support: time on both feet between steps, above 0 [s].
         start_time: time of the first double support, from standing, above 0 [s].
         step_height: by which a foot is lifted, above 0 [m].
-        swing_acceleration: largest horizontal acceleration of a foot on its planned path, above 0 [m/s^2].
+        swing_acceleration: largest horizontal acceleration of a foot on its planned path, as long as no disturbance
+            moves its foothold, above 0 [m/s^2].
         forward: longest step forward or back [m].
         narrowest: smallest distance of the feet, as a share of that in the standing posture, in (0, 1].
         widest: largest, as a share of it, 1 or above.
@@ -126,12 +127,30 @@ class WalkTuning:
         return StepLimits(width, self.forward, self.narrowest * width, self.widest * width, self.turn)
 
     def fastest(self, width: float) -> VelocityCommand:
-        """Largest velocity in each direction that the bounds of footholds allow, feet ``width`` apart [m]."""
+        """Largest velocity in each direction alone that the bounds of footholds allow, feet ``width`` apart [m]."""
+        timing, half = self.timing, 0.5 * width
+        turning = timing.speed(half * self.turn) / half
+        return VelocityCommand(timing.speed(self.forward), timing.speed(self._sideways(width)), turning)
+
+    def require_reachable(self, command: VelocityCommand, width: float) -> None:
+        """Check that the longest steps are long enough for a command, feet ``width`` apart [m].
+
+        Raises:
+            ConfigError: they are not; names the velocity that is too large, and its bound.
+        """
+        fastest, period = self.fastest(width), self.timing.period(command.foot_speed(width))
+        ways = {"vx": self.forward, "vy": self._sideways(width), "wz": self.turn}
+        for name, way in ways.items():
+            value, alone = getattr(command, name), getattr(fastest, name)
+            require_between(name, value, -alone, alone)
+            if abs(value) * period > way * (1.0 + 1e-9):
+                allowed = f"at most {way / period:.3g} in size beside the other velocities: fast steps take longer"
+                raise ConfigError(name, value, allowed)
+
+    def _sideways(self, width: float) -> float:
+        """Way to the side that a step can make [m]."""
         # the leading foot goes 1 + v, or where the trailing one stops at the narrowest, narrowest + 2 v
-        sideways = width * min(self.widest - 1.0, 0.5 * (self.widest - self.narrowest))
-        timing = self.timing
-        turning = self.turn / (self.single_support + self.double_support)
-        return VelocityCommand(timing.speed(self.forward), timing.speed(sideways), turning)
+        return width * min(self.widest - 1.0, 0.5 * (self.widest - self.narrowest))
 
 
 def walk_tuning(robot: RobotDescription) -> WalkTuning:

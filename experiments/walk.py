@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from controllers.command_script import CommandedWalk, CommandProfile, between, read_script, require_reachable
+from controllers.command_script import CommandedWalk, CommandProfile, between, read_script
 from controllers.feet import Feet
 from controllers.footsteps import VelocityCommand
 from controllers.motions import CarriedHands, Motion
@@ -130,12 +130,12 @@ def command_profile(options: WalkOptions, robot: RobotDescription) -> CommandPro
     Raises:
         ConfigError: the script cannot be read, or a velocity is not within reach of the robot's longest steps.
     """
-    fastest = walk_tuning(robot).fastest(_standing(robot, options).width)
+    check = partial(walk_tuning(robot).require_reachable, width=_standing(robot, options).width)
     if options.script is not None:
-        wanted: CommandProfile = read_script(options.script, fastest)
+        wanted: CommandProfile = read_script(options.script, check)
     else:
         command = VelocityCommand(options.vx, options.vy, options.wz, stepping=True)
-        require_reachable(command, fastest)
+        check(command)
         wanted = partial(_always, command)
     return between(wanted, FIRST, options.duration - LAST)
 
@@ -160,9 +160,14 @@ def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter |
 def meeting(options: WalkOptions, robot: RobotDescription) -> Beside:
     """Where the left hand meets the sphere: in the middle of the left foot's third support, swayed to the left."""
     tuning, feet = walk_tuning(robot), _standing(robot, options)
-    single, period = tuning.timing.single(options.vx), tuning.timing.period(options.vx)
-    time = FIRST + tuning.start_time + 0.5 * single + MEETING_STEPS * period
-    ahead = MEETING_STEPS * period * options.vx
+    timing, heeded, wanted = tuning.timing, VelocityCommand(), VelocityCommand(vx=options.vx)
+    time, ahead = FIRST + tuning.start_time, 0.0
+    for _ in range(MEETING_STEPS):
+        heeded = heeded.towards(wanted, tuning.speed_change, tuning.turn_change)
+        time += timing.period(heeded.vx)
+        ahead += heeded.vx * timing.period(heeded.vx)
+    single = timing.single(heeded.vx)
+    time += 0.5 * single
     sideways = sway(0.5 * feet.width, feet.omega, single, tuning.double_support)
     return Beside(options.obstacle, ahead, sideways, time, _posture(options.hands))
 

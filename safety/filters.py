@@ -50,11 +50,11 @@ class SafetyFilter:
         + w_b \|J_b (v - v^{des})\|^2 + w_h \|J_h (v - v^{des})\|^2
 
     The first term is eq. (33) of Lee et al. The second keeps the filter from dragging stance feet when a row moves
-    base or legs: J_f stacks the Jacobians of the feet in contact. The third makes it give way with the arms before it
-    disturbs balance: J_b stacks the Jacobians of the tasks that keep it (CoM, orientation of base and torso). The
-    fourth keeps the hands, J_h, close to where they were going: the nearest joint velocity alone may carry them far off
-    along a boundary. They are weights, not equalities, because equalities leave too little freedom where joint limits
-    and collisions meet.
+    base or legs: J_f stacks the Jacobians of the feet in contact, and of what else of the feet is to be left alone. The
+    third makes it give way with the arms before it disturbs balance: J_b stacks the Jacobians of the tasks that keep it
+    (CoM, orientation of base and torso). The fourth keeps the hands, J_h, close to where they were going: the nearest
+    joint velocity alone may carry them far off along a boundary. They are weights, not equalities, because equalities
+    leave too little freedom where joint limits and collisions meet.
 
     When no v satisfies the rows, the QP filters go down a ladder: the least sum of squared violations and the v nearest
     to the nominal one among those (as in p-SSA); if that fails too, the stop action ("zero_velocity"): zero velocity,
@@ -146,7 +146,7 @@ class SafetyFilter:
         Args:
             rows: barrier rows at the measured state; for order 2 with their curvature.
             v_des: shape (nv,) nominal velocity, or acceleration.
-            feet: shape (k, nv) Jacobians of the feet in contact, or ``None``.
+            feet: shape (k, nv) Jacobians of the feet that are to be left alone, or ``None``.
             balance: shape (l, nv) Jacobians of the tasks that keep balance, or ``None``.
             hands: shape (m, nv) Jacobians of the hands' tasks, or ``None``.
             age: of the oldest of these inputs [s].

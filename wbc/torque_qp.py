@@ -27,7 +27,7 @@ class DynWbcProblem:
         hessian: shape (nx, nx), nx = nj + 6 c.
         gradient: shape (nx,).
         rows: shape (16 c + nj + k, nx): wrench cones, torques, conditions on the acceleration; the controller's own,
-            until the next problem.
+            until the next problem with the same feet.
         lower: shape (nx + 16 c + nj + k,).
         upper: shape (nx + 16 c + nj + k,).
         base: (6, nx) map and (6,) offset from x to the base's acceleration.

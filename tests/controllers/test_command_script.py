@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 import experiments
-from controllers.command_script import CommandedWalk, CommandScript, between, read_script, require_reachable
+from controllers.command_script import CommandedWalk, CommandScript, between, read_script
 from controllers.config import controller_config
 from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
 from controllers.motions import CarriedHands
@@ -24,7 +25,8 @@ from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
 
 MIXED = Path(experiments.__file__).parent / "data" / "mixed.txt"
-FASTEST = VelocityCommand(0.4, 0.1, 0.5)
+REACH = WalkTuning(forward=0.32, turn=0.4, widest=4 / 3, swing_acceleration=1e3)
+"""Steps of 0.8 s at any speed: up to 0.4 m/s forward, and with feet 0.24 m apart 0.1 m/s sideways; 0.5 rad/s."""
 
 
 def script_file(folder: Path, text: str) -> Path:
@@ -76,7 +78,7 @@ def test_a_wrong_line_is_named_with_its_file_and_what_is_allowed(
 ) -> None:
     path = script_file(tmp_path, text)
     with pytest.raises(ConfigError) as caught:
-        read_script(path, FASTEST)
+        read_script(path, partial(REACH.require_reachable, width=0.24))
     message = str(caught.value)
     assert str(path) in message
     assert f"line {line}" in message
@@ -111,7 +113,7 @@ def test_the_script_that_comes_along_is_within_reach_of_the_robots(name: str) ->
     kin = Kinematics(robot)
     kin.update_geometry(standing_configuration(robot))
     left, right = (kin.frame_placement(kin.frame_id(robot.roles[r]))[1] for r in ("left_sole", "right_sole"))
-    script = read_script(MIXED, walk_tuning(robot).fastest(abs(left[1] - right[1])))
+    script = read_script(MIXED, partial(walk_tuning(robot).require_reachable, width=abs(left[1] - right[1])))
     commands = script.commands
     assert any(c.vx > 0 for c in commands) and any(c.vx < 0 for c in commands)
     assert any(c.vy > 0 for c in commands) and any(c.vy < 0 for c in commands)
@@ -127,7 +129,7 @@ def test_the_robot_stands_before_and_after() -> None:
 
 
 @pytest.mark.parametrize(
-    "tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1, swing_acceleration=5.0)]
+    "tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1), WalkTuning(swing_acceleration=2.5)]
 )
 def test_the_fastest_command_is_the_last_that_the_footholds_follow(tuning: WalkTuning) -> None:
     width = 0.24
@@ -145,11 +147,32 @@ def test_the_fastest_command_is_the_last_that_the_footholds_follow(tuning: WalkT
     assert two_steps(fastest.vy) == pytest.approx(2 * way(fastest.vy), abs=1e-12)
     assert two_steps(1.05 * fastest.vy) < 1.999 * way(1.05 * fastest.vy)
     assert way(fastest.vx) == pytest.approx(limits.forward)
-    assert fastest.wz * tuning.timing.period(0.0) == pytest.approx(limits.turn)
-    require_reachable(fastest, fastest)
+    assert fastest.wz * tuning.timing.period(0.5 * width * fastest.wz) == pytest.approx(limits.turn)
     for name in ("vx", "vy", "wz"):
         with pytest.raises(ConfigError, match=name):
-            require_reachable(VelocityCommand(**{name: -1.01 * getattr(fastest, name)}), fastest)
+            tuning.require_reachable(VelocityCommand(**{name: -1.01 * getattr(fastest, name)}), width)
+        tuning.require_reachable(VelocityCommand(**{name: -getattr(fastest, name)}), width)
+
+
+def test_velocities_that_together_ask_for_longer_steps_than_there_are_are_refused() -> None:
+    """Each is allowed alone; what is allowed beside the others, the planner follows."""
+    tuning, width = WalkTuning(single_support=0.45, double_support=0.15), 0.24
+    fastest, limits = tuning.fastest(width), tuning.limits(width)
+    with pytest.raises(ConfigError, match="beside the other") as caught:
+        tuning.require_reachable(VelocityCommand(0.95 * fastest.vx, 0.0, fastest.wz), width)
+    assert caught.value.name in ("vx", "wz")
+    planner, kept = VelocityFootsteps(limits, tuning.timing), 0
+    for vx, vy, wz in np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3)):
+        command = VelocityCommand(vx * fastest.vx, 0.5 * vy * fastest.vy, wz * fastest.wz)
+        try:
+            tuning.require_reachable(command, width)
+        except ConfigError:
+            continue
+        kept += 1
+        stance = Foothold(0.3, -0.2, 0.5)
+        *_, turn = stance.relative(planner.next_foothold(stance, LEFT, command))
+        assert turn == pytest.approx(command.wz * tuning.timing.period(command.foot_speed(width)), abs=1e-12)
+    assert 50 < kept < 190
 
 
 def standing(name: str = "g1") -> tuple[Walking, WholeBodyReference, RobotState]:

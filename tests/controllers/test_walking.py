@@ -73,6 +73,7 @@ class Tick:
     contact: Array
     soles: Array
     rates: Array
+    accelerations: Array
     dcm: Array
     zmp: Array
     limits: Array
@@ -119,6 +120,7 @@ class Bench:
                 reference.in_contact.copy(),
                 np.array([p.position for p in reference.soles]),
                 np.array([p.velocity for p in reference.soles]),
+                np.array([p.acceleration for p in reference.soles]),
                 dcm.position,
                 dcm.zmp,
                 reference.load_limits.copy(),
@@ -200,7 +202,10 @@ def test_feet_swing_in_turn_for_the_times_of_the_tuning(bench: Bench) -> None:
     feet = [foot for _, foot in lifts]
     assert all(a != b for a, b in pairwise(feet))
     np.testing.assert_allclose(
-        np.diff([i for i, _ in lifts]) * DT, tuning.timing.period(AHEAD.speed), rtol=0, atol=2.01 * DT
+        np.diff([i for i, _ in lifts]) * DT,
+        tuning.timing.period(AHEAD.foot_speed(bench.walking.limits.width)),
+        rtol=0,
+        atol=2.01 * DT,
     )
     single = (contact.sum(axis=1) == 1).sum() * DT / len(lifts)
     assert single == pytest.approx(tuning.single_support, abs=0.1)
@@ -217,7 +222,7 @@ def test_the_feet_go_as_fast_as_the_command(bench: Bench, command: VelocityComma
     bench.until(lambda tick: tick.steps == 4, 8.0)
     start, counted, at = bench.foothold(LEFT), bench.walking.steps, bench.ticks[-1].t
     bench.until(lambda tick: tick.steps == counted + 8, 10.0)
-    seconds = 8 * bench.tuning.timing.period(command.speed)
+    seconds = 8 * bench.tuning.timing.period(command.foot_speed(bench.walking.limits.width))
     # lift-off waits for the next tick, touchdown for that and for the force to be seen twice
     assert seconds - DT < bench.ticks[-1].t - at < seconds + 8 * 3 * DT + DT
     half, turn = 0.5 * bench.walking.limits.width, command.wz * seconds
@@ -407,6 +412,27 @@ def test_a_command_is_heeded_from_the_next_step_on(bench: Bench) -> None:
     assert bench.apart()[0] == pytest.approx(0.0, abs=1e-6)
     bench.until(lambda tick: tick.steps == 2)
     assert abs(bench.apart()[0]) == pytest.approx(0.1 * bench.tuning.timing.period(0.1), abs=1e-6)
+
+
+@pytest.mark.parametrize(
+    "after",
+    [VelocityCommand(), VelocityCommand(stepping=True), VelocityCommand(vx=-0.2), VelocityCommand(0.1, 0.0, 0.4)],
+)
+@pytest.mark.parametrize("before", [FAST, VelocityCommand(0.2, 0.0, 0.4), VelocityCommand(0.2, 0.1, 0.0)])
+def test_no_foot_is_sent_faster_than_its_bound_whatever_the_command_turns_into(
+    monkeypatch: pytest.MonkeyPatch, before: VelocityCommand, after: VelocityCommand
+) -> None:
+    """A low bound, so that every step's time hangs on it; up to speed, from one command to the other, and on."""
+    bench = Bench(monkeypatch, WalkTuning(swing_acceleration=4.0, forward=1.0, widest=2.5))
+    bench.walking.command = before
+    bench.until(lambda tick: tick.steps == 5, 12.0)
+    bench.walking.command = after
+    bench.run(5.0)
+    peaks = np.linalg.norm(bench.series("accelerations")[:, :, :2], axis=2)
+    assert peaks.max() <= 4.0 * (1.0 + 1e-6)
+    assert peaks.max() > 3.5
+    standing = bench.series("contact").astype(bool)
+    np.testing.assert_array_equal(bench.series("accelerations")[standing], 0.0)
 
 
 def test_speed_changes_step_by_step(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -12,14 +12,16 @@ from wbc.dynwbc import DynWbc, DynWbcResult, DynWbcWeights
 from wbc.qp import UNBOUNDED, make_solver
 
 COUNT = 6
-BOTH = np.array([True, True])
+BOTH = (True, True)
+SUPPORTS = pytest.mark.parametrize("support", [BOTH, (True, False), (False, True)], ids=["both", "left", "right"])
 WEIGHTS = DynWbcWeights()
 
 
 class Setting:
-    """A moving robot on both feet, asked for a random acceleration."""
+    """A moving robot, asked for a random acceleration."""
 
-    def __init__(self, name: str, seed: int) -> None:
+    def __init__(self, name: str, seed: int, support: tuple[bool, bool] = BOTH) -> None:
+        self.in_contact = np.array(support)
         rng = np.random.default_rng(seed)
         robot = load_robot(name)
         self.rng, self.kin = rng, Kinematics(robot)
@@ -36,13 +38,14 @@ class Setting:
         count = 0 if conditions is None else len(conditions[1])
         dynwbc = DynWbc(self.kin, self.contacts, WEIGHTS, condition_count=count)
         dynwbc.reset(self.previous)
-        problem = dynwbc.build(self.kin, self.acceleration, self.wrench, BOTH, conditions=conditions)
+        problem = dynwbc.build(self.kin, self.acceleration, self.wrench, self.in_contact, conditions=conditions)
         return dynwbc, dynwbc.solve(problem)
 
     def full_problem(self, conditions: tuple[Array, Array]) -> tuple[Array, Array, Array, Array, Array]:
         """Eqs. (16)-(18) with the conditions as further rows."""
         kin, w, nv, nj, nf = self.kin, WEIGHTS, self.kin.nv, self.kin.nv - 6, 12
         jacobian = np.vstack([kin.frame_jacobian(kin.frame_id(c.frame), local=True) for c in self.contacts])
+        jacobian[np.repeat(~self.in_contact, 6)] = 0.0
         wrench_weight = np.tile([w.force] * 3 + [w.moment] * 3, 2)
         hessian = np.zeros((nv + nf + nj,) * 2)
         mass = np.array(kin.mass_matrix)
@@ -67,6 +70,7 @@ class Setting:
         )
         effort, free = kin.robot.joint_array("effort"), np.full(nv + nf, UNBOUNDED)
         out_of_reach = np.full(len(conditions[1]), UNBOUNDED)
+        free[nv:][np.repeat(~self.in_contact, 6)] = 0.0
         lower = np.concatenate([-free, -effort, -kin.bias, np.full(32, -UNBOUNDED), conditions[1]])
         upper = np.concatenate([free, effort, -kin.bias, np.zeros(32), out_of_reach])
         return hessian, gradient, rows, lower, upper
@@ -77,9 +81,10 @@ def name(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
+@SUPPORTS
 @pytest.mark.parametrize("seed", range(5))
-def test_the_optimum_is_that_of_the_full_problem(name: str, seed: int) -> None:
-    setting = Setting(name, seed)
+def test_the_optimum_is_that_of_the_full_problem(name: str, seed: int, support: tuple[bool, bool]) -> None:
+    setting = Setting(name, seed, support)
     matrix, bound = setting.rng.normal(size=(COUNT, setting.kin.nv)), np.zeros(COUNT)
     _, free = setting.solve(None)
     bound = matrix @ free.acceleration + np.array([0.5, 0.3, 0.2, -0.5, -5.0, 0.1])
@@ -105,9 +110,12 @@ def test_conditions_that_hold_anyway_change_nothing(name: str) -> None:
     assert not result.relaxed
 
 
+@SUPPORTS
 @pytest.mark.parametrize("seed", range(3))
-def test_conditions_in_conflict_are_violated_by_the_least_squares(name: str, seed: int) -> None:
-    setting = Setting(name, seed)
+def test_conditions_in_conflict_are_violated_by_the_least_squares(
+    name: str, seed: int, support: tuple[bool, bool]
+) -> None:
+    setting = Setting(name, seed, support)
     _, free = setting.solve(None)
     matrix = setting.rng.normal(size=(COUNT, setting.kin.nv))
     matrix[1], matrix[3] = -matrix[0], -2.0 * matrix[2]
@@ -127,7 +135,11 @@ def test_conditions_in_conflict_are_violated_by_the_least_squares(name: str, see
     assert cone.max() < 1e-8
     # the next problem, with nothing in conflict, is solved as if there had been none
     problem = dynwbc.build(
-        setting.kin, setting.acceleration, setting.wrench, BOTH, conditions=(matrix, matrix @ free.acceleration - 1.0)
+        setting.kin,
+        setting.acceleration,
+        setting.wrench,
+        setting.in_contact,
+        conditions=(matrix, matrix @ free.acceleration - 1.0),
     )
     assert not dynwbc.solve(problem).relaxed
 
@@ -137,4 +149,4 @@ def test_another_number_of_conditions_is_refused(name: str) -> None:
     dynwbc = DynWbc(setting.kin, setting.contacts, WEIGHTS, condition_count=2)
     for conditions in (None, (np.zeros((3, setting.kin.nv)), np.zeros(3))):
         with pytest.raises(ValueError, match="2 announced"):
-            dynwbc.build(setting.kin, setting.acceleration, setting.wrench, BOTH, conditions=conditions)
+            dynwbc.build(setting.kin, setting.acceleration, setting.wrench, setting.in_contact, conditions=conditions)

@@ -13,7 +13,7 @@ from experiments.options import PlantOptions, RunOptions, WalkOptions
 from experiments.results import RunResult
 from experiments.scenario import DIRECTIONS, Push
 from experiments.session import run
-from experiments.walk import run_walk, walk_scenario
+from experiments.walk import meeting, run_walk, walk_scenario
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
 
@@ -65,6 +65,22 @@ def test_the_estimated_load_is_the_robots(robot_name: str) -> None:
     scale = heavy_walk(robot_name).series["load_scale"]
     assert scale[0] == pytest.approx(1.0, abs=0.01)
     assert np.median(scale[len(scale) // 2 :]) == pytest.approx(1.2, abs=0.03)
+
+
+def test_the_heavier_g1_walks_fast_and_is_where_the_meeting_with_an_obstacle_is_planned() -> None:
+    """At 0.4 m/s, where steps take longer than slow ones; in the middle of the left foot's third support."""
+    options = WalkOptions(duration=8.6, vx=0.4, plant=PlantOptions(mass_scale=1.2))
+    place = meeting(dataclasses.replace(options, obstacle="moving", duration=20.0), load_robot("g1"))
+    result = run_walk(options)
+    assert not result.summary["fell"]
+    assert result.summary["qp_failures"] == 0
+    assert result.summary["foot_slide_max_m"] < 0.005
+    series = result.series
+    left = (series["in_contact"] == [1.0, 0.0]).all(axis=1)
+    ends = np.flatnonzero(np.diff(left.astype(int)))
+    middle = (ends[4] + ends[5]) // 2
+    assert series["time"][middle] == pytest.approx(place.time, abs=0.05)
+    assert series["q"][middle, 0] - series["q"][0, 0] == pytest.approx(place.ahead, abs=0.03)
 
 
 def walk_until(t: float) -> VelocityCommand:

@@ -46,6 +46,10 @@ class VelocityCommand:
         wz = min(max(other.wz, self.wz - turn), self.wz + turn)
         return VelocityCommand(vx, vy, wz, other.stepping)
 
+    def scaled(self, factor: float) -> "VelocityCommand":
+        """All velocities times ``factor``."""
+        return VelocityCommand(factor * self.vx, factor * self.vy, factor * self.wz, self.stepping)
+
     def foot_speed(self, width: float) -> float:
         """Largest speed of two places under the body, ``width`` apart, that feet have to keep up with [m/s]."""
         return math.hypot(self.vx, self.vy) + 0.5 * width * abs(self.wz)
@@ -92,7 +96,7 @@ class FootstepPlanner(Protocol):
 
     It is asked for steps that lie further ahead as well, each from the foothold before, and again when plans change:
     its answer may depend on nothing but the arguments. A foothold beyond the bounds of :class:`StepLimits` is moved to
-    them: what the legs cannot reach would throw the robot.
+    them. The time of a step follows from the command: long steps need a command as fast as they are.
     """
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:

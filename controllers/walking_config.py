@@ -136,16 +136,23 @@ class WalkTuning:
         """Check that the longest steps are long enough for a command, feet ``width`` apart [m].
 
         Raises:
-            ConfigError: they are not; names the velocity that is too large, and its bound.
+            ConfigError: they are not; names the velocity that is too large, alone or beside the others.
         """
-        fastest, period = self.fastest(width), self.timing.period(command.foot_speed(width))
+        fastest = self.fastest(width)
+        for name in ("vx", "vy", "wz"):
+            alone = getattr(fastest, name)
+            require_between(name, getattr(command, name), -alone, alone)
+        if name := self._too_far(command, width):
+            # the largest share of the whole command that is within reach, to a hundredth
+            share = max(i for i in range(100) if not self._too_far(command.scaled(0.01 * i), width))
+            allowed = f"smaller beside the other velocities: fast steps take longer; {share} % of each are within reach"
+            raise ConfigError(name, getattr(command, name), allowed)
+
+    def _too_far(self, command: VelocityCommand, width: float) -> str:
+        """Name of the velocity for which steps at a command would have to be longer than they can be, or nothing."""
+        period = self.timing.period(command.foot_speed(width))
         ways = {"vx": self.forward, "vy": self._sideways(width), "wz": self.turn}
-        for name, way in ways.items():
-            value, alone = getattr(command, name), getattr(fastest, name)
-            require_between(name, value, -alone, alone)
-            if abs(value) * period > way * (1.0 + 1e-9):
-                allowed = f"at most {way / period:.3g} in size beside the other velocities: fast steps take longer"
-                raise ConfigError(name, value, allowed)
+        return next((n for n, way in ways.items() if abs(getattr(command, n)) * period > way * (1.0 + 1e-9)), "")
 
     def _sideways(self, width: float) -> float:
         """Way to the side that a step can make [m]."""

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import re
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -158,9 +159,15 @@ def test_velocities_that_together_ask_for_longer_steps_than_there_are_are_refuse
     """Each is allowed alone; what is allowed beside the others, the planner follows."""
     tuning, width = WalkTuning(single_support=0.45, double_support=0.15), 0.24
     fastest, limits = tuning.fastest(width), tuning.limits(width)
+    command = VelocityCommand(0.95 * fastest.vx, 0.0, fastest.wz)
     with pytest.raises(ConfigError, match="beside the other") as caught:
-        tuning.require_reachable(VelocityCommand(0.95 * fastest.vx, 0.0, fastest.wz), width)
+        tuning.require_reachable(command, width)
     assert caught.value.name in ("vx", "wz")
+    # what it says is within reach is, and no more
+    share = int(re.findall(r"(\d+) %", str(caught.value))[0])
+    tuning.require_reachable(command.scaled(0.01 * share), width)
+    with pytest.raises(ConfigError):
+        tuning.require_reachable(command.scaled(0.01 * (share + 1)), width)
     planner, kept = VelocityFootsteps(limits, tuning.timing), 0
     for vx, vy, wz in np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3)):
         command = VelocityCommand(vx * fastest.vx, 0.5 * vy * fastest.vy, wz * fastest.wz)

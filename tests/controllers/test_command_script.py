@@ -130,7 +130,14 @@ def test_the_robot_stands_before_and_after() -> None:
 
 
 @pytest.mark.parametrize(
-    "tuning", [WalkTuning(), WalkTuning(narrowest=0.9), WalkTuning(widest=1.1), WalkTuning(swing_acceleration=2.5)]
+    "tuning",
+    [
+        WalkTuning(),
+        WalkTuning(narrowest=0.9),
+        WalkTuning(widest=1.1),
+        WalkTuning(swing_acceleration=2.5),
+        WalkTuning(swing_acceleration=1.0),
+    ],
 )
 def test_the_fastest_command_is_the_last_that_the_footholds_follow(tuning: WalkTuning) -> None:
     width = 0.24

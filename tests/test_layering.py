@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MAY_IMPORT = {
     "robots": (),
     "wbc": ("robots",),
-    "safety": ("robots", "wbc.qp"),
+    "safety": ("robots", "wbc.qp", "wbc.active_set"),
     "controllers": ("robots", "wbc", "safety"),
     "sims": ("robots",),
     "experiments": ("robots", "wbc", "safety", "controllers", "sims"),

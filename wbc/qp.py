@@ -12,12 +12,13 @@ from numba import njit, types
 from robots.checks import require_one_of
 from robots.errors import ConfigError
 from robots.messages import Array
+from wbc.active_set import CONTRADICTION, OPTIMAL, TOLERANCE, ActiveSet
 
 QpStatus = Literal["optimal", "infeasible", "failed"]
 UNBOUNDED = 1e30
 """Bounds of this size or more count as absent."""
 
-FEASIBILITY_TOLERANCE = 1e-9
+FEASIBILITY_TOLERANCE = TOLERANCE
 """Largest violation of a row that a solution may show (rows are in m/s, rad/s, N or N m)."""
 
 SINGULAR = 1e-13
@@ -109,9 +110,10 @@ def make_solver(name: str, n: int, m: int, slack_weights: Array | None = None) -
 
 
 class DaqpSolver:
-    """DAQP behind :class:`QpSolver`: its workspace and active set persist between calls.
+    """DAQP behind :class:`QpSolver`, asked only where :class:`wbc.active_set.ActiveSet` proves neither answer.
 
-    What cannot be solved from the active set of the last problem is tried once more without it.
+    Both start from the active set of the last problem. What DAQP cannot solve from there is tried once more without it.
+    At most ``ROUNDS`` changes of the active set and twice ``iter_limit`` iterations are made; then it has failed.
 
     Rows with a finite slack weight are its own soft constraints: no slack variables, as fast as hard rows. Their
     multipliers are weight times violation.
@@ -128,12 +130,26 @@ class DaqpSolver:
             self._softness = np.concatenate([np.zeros(n), 1.0 / slack_weights])
             self._sense = np.where(self._softness > 0, SOFT, 0).astype(np.int32)
         self._factors: Array | float = 1.0
+        self._active = ActiveSet(n, m, self._softness)
 
     def solve(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
         """Solve one problem; see :meth:`QpSolver.solve`."""
         if not self.m:
             rows = self._no_rows
-        kind = _inspect(*map(np.ascontiguousarray, (hessian, gradient, rows, lower, upper)))
+        problem = tuple(map(np.ascontiguousarray, (hessian, gradient, rows, lower, upper)))
+        multipliers = np.empty(self.n + self.m)
+        outcome, x = self._active.solve(*problem, multipliers)
+        if outcome == OPTIMAL:
+            return QpSolution(x, multipliers, "optimal", self._active.changes)
+        if outcome == CONTRADICTION:
+            return self._unsolved("infeasible")
+        solution = self._search(*problem)
+        if solution.status == "optimal":
+            self._active.adopt(solution.multipliers)
+        return solution
+
+    def _search(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        kind = _inspect(hessian, gradient, rows, lower, upper)
         if kind == BROKEN:
             return self._unsolved("failed")
         if kind == CROSSED:

@@ -29,6 +29,9 @@ WRONG_SIGN = 1e-12
 CERTAIN = 1e-7
 """A contradiction is proved where every point within the bounds breaks an average of limits by more than this."""
 
+REACH = 1e9
+"""No point with a larger variable is looked for when limits are proved to contradict each other."""
+
 ROUNDS = 120
 """Budget: changes of the active set in one search."""
 
@@ -302,10 +305,45 @@ def _moved(active: Active, count: int, free: Array, y: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _place(active: Active, count: int, limits: Limits, metric: Array, y: Array, x: Array) -> None:
+    """The point x = U^-1 y, and one step of refinement: what rounding left of the active limits is taken away.
+
+    U may be as badly conditioned as the root of H; limits that meet in one point, as the sides of a cone do, would come
+    and go by what it leaves.
+    """
+    x[:] = y
+    backward(metric, x)
+    n, rates, left = x.size, active.rates, 0.0
+    for a in range(count):
+        i = active.limits[a]
+        value = x[i] if i < n else _product(limits.rows[i - n], x)
+        scale = active.scales[a]
+        short = active.targets[a] - active.signs[a] * scale * value
+        short -= scale * scale * limits.softness[i] * active.forces[a]
+        left = max(left, abs(short))
+        rates[a] = (short - _product(active.factor[a, :a], rates[:a])) / active.factor[a, a]
+    if left == 0.0:
+        return
+    _substitute(active, count, rates)
+    step = np.zeros(n)
+    for a in range(count):
+        active.forces[a] += rates[a]
+        push = active.pushes[a]
+        for j in range(n):
+            step[j] += rates[a] * push[j]
+    for j in range(n):
+        y[j] += step[j]
+    backward(metric, step)
+    for j in range(n):
+        x[j] += step[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _contradicts(active: Active, count: int, limits: Limits) -> bool:
     """Whether the limit at place ``count`` and the active ones that do not give way to it cannot hold together.
 
-    Weighted by their rates they add up to one condition on x; no x within the bounds meets that one (Farkas).
+    Weighted by their rates they add up to one condition on x; no x within the bounds, or ``REACH`` where there are none,
+    meets that one (Farkas).
     """
     n, demand, weights = limits.rows.shape[1], 0.0, 0.0
     total = np.zeros(n)
@@ -318,7 +356,7 @@ def _contradicts(active: Active, count: int, limits: Limits) -> bool:
             for j in range(n):
                 total[j] += weight * active.signs[a] * row[j]
     for j in range(n):
-        demand -= max(total[j] * limits.lower[j], total[j] * limits.upper[j])
+        demand -= max(total[j] * max(limits.lower[j], -REACH), total[j] * min(limits.upper[j], REACH))
     return demand > CERTAIN * weights and weights > 0.0
 
 
@@ -461,8 +499,7 @@ def search(
             changes += 1
             continue
         _moved(active, count, free, y)
-        x[:] = y
-        backward(metric, x)
+        _place(active, count, limits, metric, y, x)
         worst, most, side = _worst_of(limits, active.held, x, listed[:waiting])
         if worst < 0:
             worst, most, side, waiting = _worst_of_all(limits, active.held, x, values, listed)
@@ -507,7 +544,13 @@ class ActiveSet:
         return outcome, x
 
     def adopt(self, multipliers: Array) -> None:
-        """Start next from the active set (n + m,) that another solver found."""
-        found = np.flatnonzero(multipliers)[: self.guess.size - 1]
-        self.guess[:] = 0
-        self.guess[: found.size] = np.where(multipliers[found] < 0, found + 1, -found - 1)
+        """Start next from the active set of multipliers (n + m,) that another solver found."""
+        self.guess[:] = active_limits(multipliers, self.guess.size)
+
+
+def active_limits(multipliers: Array, size: int) -> Indices:
+    """Limits with a multiplier, as a guess of ``size`` entries for :func:`search`; those beyond its room are left out."""
+    found = np.flatnonzero(multipliers)[: size - 1]
+    out = np.zeros(size, dtype=np.int64)
+    out[: found.size] = np.where(multipliers[found] < 0, found + 1, -found - 1)
+    return out

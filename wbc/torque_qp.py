@@ -1,12 +1,14 @@
 """The reduced QP of DynWBC: its fixed parts for one set of feet on the ground, and its solution."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robots.messages import Array
+from wbc.active_set import OPTIMAL, active_limits
 from wbc.contact import SoleContact, wrench_cone
+from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED, QpSolution, make_solver
 
 SLACK_PULL = 1e-6
@@ -79,8 +81,10 @@ class TorqueQp:
         m = self._hard + condition_count
         self._solver = make_solver(solver, nx, m)
         if condition_count:
-            slack_weights = np.concatenate([np.full(self._hard, np.inf), np.ones(condition_count)])
-            self._least_slack = make_solver("daqp", nx, m, slack_weights)
+            self._without, self._nearest = make_solver("daqp", nx, self._hard), make_solver("daqp", nx, m)
+            self._least_slack = LeastSlack(nx, condition_count, self._hard)
+            self._weights = np.ones(condition_count)
+        self._compromise: Array | None = None
         self.rows = np.zeros((m, nx))
         for i, foot in enumerate(self.feet):
             self.rows[16 * i : 16 * i + 16, nj + 6 * i : nj + 6 * i + 6] = wrench_cone(contacts[foot])
@@ -111,19 +115,41 @@ class TorqueQp:
         """The optimum, and whether conditions had to be violated for it (by the least sum of squares)."""
         solution = self._solver.solve(problem.hessian, problem.gradient, problem.rows, problem.lower, problem.upper)
         if solution.status == "optimal" or not self._count:
+            self._compromise = None
             return solution, False
         return self._relaxed(problem), True
 
     def _relaxed(self, problem: DynWbcProblem) -> QpSolution:
-        """The optimum with the conditions lowered by their least sum of squared violations."""
-        hessian, gradient = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
-        lower, upper, count = problem.lower.copy(), problem.upper.copy(), self._count
-        least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
-        if least.status != "optimal":
+        """The optimum with the conditions lowered by their least sum of squared violations.
+
+        That is sought from the point within cones and torques nearest to the last tick's, and never leaves them: where
+        rounding or a budget leaves no answer later on, the best point so far is one.
+        """
+        limits, hard = problem.rows[: self._hard], self.nx + self._hard
+        start, lower, upper = self._within(problem)
+        if start.status != "optimal":
+            return start
+        soft = problem.rows[self._hard :], lower[hard:], self._weights
+        cost = SLACK_PULL * problem.hessian, SLACK_PULL * problem.gradient
+        guess = active_limits(start.multipliers, self.nx + 1)
+        outcome, x = self._least_slack.solve(*cost, soft, limits, lower[:hard], upper[:hard], start.x, guess)
+        self._compromise = x
+        lower[hard:] -= np.maximum(self._least_slack.short, 0.0) + SLACK_ROUNDING
+        nearest = self._nearest.solve(problem.hessian, problem.gradient, problem.rows, lower, upper)
+        if nearest.status == "optimal":
+            return replace(nearest, spent=outcome != OPTIMAL)
+        return QpSolution(x, np.zeros(lower.size), "optimal", self._least_slack.steps, True)
+
+    def _within(self, problem: DynWbcProblem) -> tuple[QpSolution, Array, Array]:
+        """A point within cones and torques, and the bounds of the problem, new; joints' are given up if they must be.
+
+        The nearest to the last compromise, in the metric of the cost; the optimum without conditions where there is none.
+        """
+        limits, hard = problem.rows[: self._hard], self.nx + self._hard
+        gradient = problem.gradient if self._compromise is None else -(problem.hessian @ self._compromise)
+        lower, upper = problem.lower.copy(), problem.upper.copy()
+        start = self._without.solve(problem.hessian, gradient, limits, lower[:hard], upper[:hard])
+        if start.status != "optimal":
             lower[: self._nj], upper[: self._nj] = -UNBOUNDED, UNBOUNDED
-            least = self._least_slack.solve(hessian, gradient, problem.rows, lower, upper)
-        if least.status != "optimal":
-            return least
-        violation = lower[-count:] - problem.rows[-count:] @ least.x
-        lower[-count:] -= np.maximum(violation, 0.0) + SLACK_ROUNDING
-        return self._solver.solve(problem.hessian, problem.gradient, problem.rows, lower, upper)
+            start = self._without.solve(problem.hessian, gradient, limits, lower[:hard], upper[:hard])
+        return start, lower, upper

@@ -1,0 +1,254 @@
+"""Conditions that may be violated: the least sum of squares, by Newton steps that never increase it."""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from robots.messages import Array, Indices, Mask
+from wbc.active_set import MATRIX, OPTIMAL, ORDER_FREE, OUT, SPENT, VECTOR, search
+
+STEPS = 20
+"""Budget: Newton steps of one search for the least slack."""
+
+ROUNDS = 300
+"""Budget: changes of the active set in all of them together."""
+
+TRIALS = 20
+"""Step lengths tried along one of them."""
+
+DEFINITE = 1e-14
+"""Share of the largest curvature that every direction has at least, about the point where a step starts."""
+
+STILL = 1e-10
+"""A step shorter than this, over 1 + the size of the point, is the last."""
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _shortfall(rows: Array, demand: Array, x: Array, out: Array) -> None:
+    """Writes demand - rows x."""
+    for i in range(demand.size):
+        value = 0.0
+        for j in range(x.size):
+            value += rows[i, j] * x[j]
+        out[i] = demand[i] - value
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _count_in(
+    rows: Array, demand: Array, weights: Array, short: Array, seen: Mask, matrix: Array, vector: Array
+) -> int:
+    """Bring the cost of the violated rows up to date: adds w a a^T and -w b a of each that has become one.
+
+    What those no longer violated had added is taken away. ``seen`` tells which are in the cost, and is written.
+    Returns how many have changed.
+    """
+    changed, n = 0, vector.size
+    for i in range(demand.size):
+        if (short[i] > 0.0) == seen[i]:
+            continue
+        changed += 1
+        seen[i] = not seen[i]
+        weight = weights[i] if seen[i] else -weights[i]
+        for j in range(n):
+            share = weight * rows[i, j]
+            vector[j] -= share * demand[i]
+            for k in range(n):
+                matrix[j, k] += share * rows[i, k]
+    return changed
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _slope(short: Array, rate: Array, weights: Array, t: float) -> tuple[float, float]:
+    """First and second derivative of half the weighted sum of squared violations after a share t of a step."""
+    first, second = 0.0, 0.0
+    for i in range(short.size):
+        left = short[i] - t * rate[i]
+        share = weights[i] * rate[i] if left > 0.0 else 0.0
+        first -= share * left
+        second += share * rate[i]
+    return first, second
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _length(first: float, second: float, short: Array, rate: Array, weights: Array) -> float:
+    """The share, 1 at most, of a step at which the cost is least.
+
+    ``first`` and ``second`` are the derivatives of the rest of the cost at the start; the slope never falls along the
+    step, so its zero is enclosed and found by Newton's method. The share returned is one where the cost still falls, or
+    is flat: the cost there is not above that at the start.
+    """
+    low, high, t = 0.0, 1.0, 1.0
+    for _ in range(TRIALS):
+        slope, curvature = _slope(short, rate, weights, t)
+        slope += first + t * second
+        curvature += second
+        if slope <= 0.0:
+            low = t
+        else:
+            high = t
+        if low >= 1.0 or high - low <= 1e-12:
+            break
+        t -= slope / curvature
+        # towards the side that is known to be no worse
+        if not low < t < high:
+            t = 0.5 * (low + high)
+    return low
+
+
+@njit(
+    types.UniTuple(types.int64, 2)(
+        MATRIX,
+        VECTOR,
+        MATRIX,
+        VECTOR,
+        VECTOR,
+        MATRIX,
+        VECTOR,
+        VECTOR,
+        types.int64[::1],
+        types.int64,
+        types.int64,
+        OUT,
+        OUT,
+    ),
+    cache=True,
+    error_model="numpy",
+    fastmath=ORDER_FREE,
+)
+def descend(
+    hessian: Array,
+    gradient: Array,
+    soft: Array,
+    demand: Array,
+    weights: Array,
+    rows: Array,
+    lower: Array,
+    upper: Array,
+    guess: Array,
+    steps: int,
+    rounds: int,
+    x: Array,
+    short: Array,
+) -> tuple[int, int]:
+    r"""Newton's method on a cost that is quadratic piece by piece, under limits that hold at every point of it.
+
+    .. math:: \min_x \tfrac12 x^T H x + g^T x + \tfrac12 \sum_i w_i \max(0, d_i - c_i^T x)^2 \quad\text{s.t.}\quad
+        l_x \le x \le u_x,\; l \le A x \le u
+
+    A step goes to the optimum of the piece that the point is in, as far as the cost falls; the last one ends where its
+    own piece has it. The limits make a convex set and the length is the best one, so that every point is allowed and
+    costs no more than the one before: where the budget ends, the best so far is there.
+
+    Args:
+        hessian: H, shape (n, n), positive definite.
+        gradient: g, shape (n,).
+        soft: c, shape (k, n).
+        demand: d, shape (k,).
+        weights: w, shape (k,), 0 or above.
+        rows: A, shape (m, n).
+        lower: shape (n + m,).
+        upper: shape (n + m,).
+        guess: of the active limits, see :func:`wbc.active_set.search`; that of the last point is written.
+        steps: budget.
+        rounds: budget of changes of the active set, all steps together.
+        x: shape (n,) a point that meets the limits, written.
+        short: shape (k,), written: demand - soft x.
+
+    Returns:
+        ``OPTIMAL``, ``SPENT``, or what ``search`` made of a step that it has no answer to; and the number of steps.
+    """
+    n = x.size
+    seen = np.zeros(demand.size, np.bool_)
+    matrix, vector, plain = hessian.copy(), gradient.copy(), np.empty((n, n))
+    pull, target, end, move = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    rate, hard, nowhere = np.empty(demand.size), np.zeros(lower.size), np.empty(0)
+    _shortfall(soft, demand, x, short)
+    length = 0.0
+    for step in range(steps):
+        changed = _count_in(soft, demand, weights, short, seen, matrix, vector)
+        if changed == 0 and length == 1.0:
+            return OPTIMAL, step
+        least = 0.0
+        for j in range(n):
+            least = max(least, DEFINITE * matrix[j, j])
+        for j in range(n):
+            for k in range(n):
+                plain[j, k] = matrix[j, k]
+            plain[j, j] += least
+            target[j] = vector[j] - least * x[j]
+        outcome, made = search(plain, target, rows, lower, upper, hard, guess, rounds, end, nowhere)
+        rounds -= made
+        if outcome != OPTIMAL:
+            return outcome, step
+        size, first, second, largest = 0.0, 0.0, 0.0, 0.0
+        for j in range(n):
+            move[j] = end[j] - x[j]
+            size, largest = max(size, abs(move[j])), max(largest, abs(x[j]))
+        for j in range(n):
+            pull[j] = 0.0
+            value = gradient[j]
+            for k in range(n):
+                value += hessian[j, k] * x[k]
+                pull[j] += hessian[j, k] * move[k]
+            first += value * move[j]
+            second += pull[j] * move[j]
+        for i in range(demand.size):
+            value = 0.0
+            for j in range(n):
+                value += soft[i, j] * move[j]
+            rate[i] = value
+        length = _length(first, second, short, rate, weights)
+        for j in range(n):
+            x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
+        _shortfall(soft, demand, x, short)
+        if size * length <= STILL * (1.0 + largest):
+            return OPTIMAL, step + 1
+    return SPENT, steps
+
+
+class LeastSlack:
+    """Solves problems of one size, each from the last one's point and active set; see :func:`descend`.
+
+    Attributes:
+        short: shape (k,) by how much each row falls short at the last answer; below 0 where it does not.
+        steps: made for it.
+    """
+
+    def __init__(self, n: int, k: int, m: int = 0, steps: int = STEPS, rounds: int = ROUNDS) -> None:
+        """For ``n`` variables, ``k`` rows that may be violated and ``m`` that must hold."""
+        self.short = np.zeros(k)
+        self.steps = 0
+        self._guess = np.zeros(n + 1, dtype=np.int64)
+        self._steps, self._rounds = steps, rounds
+
+    def solve(
+        self,
+        hessian: Array,
+        gradient: Array,
+        soft: tuple[Array, Array, Array],
+        rows: Array,
+        lower: Array,
+        upper: Array,
+        start: Array,
+        guess: Indices | None = None,
+    ) -> tuple[int, Array]:
+        """Outcome and x (n,), new.
+
+        Args:
+            hessian: shape (n, n).
+            gradient: shape (n,).
+            soft: the rows (k, n) that may be violated, their demands (k,) and weights (k,).
+            rows: shape (m, n) that must hold.
+            lower: shape (n + m,).
+            upper: shape (n + m,).
+            start: shape (n,) a point that meets the limits.
+            guess: limits active there, as :func:`wbc.active_set.search` has them; ``None`` for those of last time.
+        """
+        x = start.copy()
+        if guess is not None:
+            self._guess[:] = guess
+        outcome, self.steps = descend(
+            hessian, gradient, *soft, rows, lower, upper, self._guess, self._steps, self._rounds, x, self.short
+        )
+        return outcome, x

@@ -30,30 +30,6 @@ def add_violated(A: Array, v: Array, b: Array, beyond: float, chosen: Mask, out:
     return added
 
 
-@njit(types.int64[::1](types.int64[::1], types.boolean[::1]), cache=True)
-def seat(seats: Indices, chosen: Mask) -> Indices:
-    """The ``chosen`` (n,) rows, as many as possible where they were in ``seats``, without gaps; new.
-
-    A solver that remembers which of its rows were active then finds them where it left them.
-    """
-    waiting = chosen.copy()
-    count = 0
-    for i in range(chosen.size):
-        count += chosen[i]
-    out = np.full(count, -1)
-    for k in range(min(count, seats.size)):
-        if chosen[seats[k]]:
-            out[k] = seats[k]
-            waiting[seats[k]] = False
-    k = 0
-    for i in range(chosen.size):
-        if waiting[i]:
-            while out[k] >= 0:
-                k += 1
-            out[k] = i
-    return out
-
-
 @njit(types.int64[::1](MATRIX, VECTOR, VECTOR, VECTOR, types.float64, types.float64), cache=True, error_model="numpy")
 def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: float, ease: float) -> Indices:
     """Conditions A (n, nv), b (n,) that no input between its bounds (nv,) meets, nor eases to speak of; ascending.
@@ -81,19 +57,19 @@ def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: flo
 
 
 @njit(types.float64(MATRIX, VECTOR, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
-def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, room: Array) -> float:
+def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, short: Array) -> float:
     """A bound from below on the largest violation by any input between its bounds (nv,); above 0 only for a conflict.
 
-    Weighted by the violations -room (n,) that a compromise has, the conditions A (n, nv), b (n,) add up to one; what
+    Weighted by the violations, ``short`` (n,) where it is above 0, that a compromise has, the conditions A (n, nv), b (n,) add up to one; what
     that one is short of at best is an average of theirs (Farkas).
     """
     row, demand, weights = np.zeros(lower.size), 0.0, 0.0
     for i in range(b.size):
-        if room[i] < 0.0:
-            weights -= room[i]
-            demand -= room[i] * b[i]
+        if short[i] > 0.0:
+            weights += short[i]
+            demand += short[i] * b[i]
             for k in range(lower.size):
-                row[k] -= room[i] * A[i, k]
+                row[k] += short[i] * A[i, k]
     for k in range(lower.size):
         demand -= max(row[k] * lower[k], row[k] * upper[k])
     return demand / weights if weights > 0.0 else 0.0

@@ -1,15 +1,16 @@
 """Whether the arrays that a filter is given fit together."""
 
+import numpy as np
+
 from robots.messages import Array
 from safety.rows import BarrierRows
 
 
+JACOBIANS = ("feet", "balance", "hands")
+
+
 def wrong_shape(
-    n: int,
-    nv: int,
-    rows: BarrierRows,
-    vectors: tuple[tuple[str, Array | None], ...],
-    jacobians: tuple[tuple[str, Array | None], ...],
+    n: int, nv: int, rows: BarrierRows, nominal: Array, velocity: Array | None, jacobians: tuple[Array | None, ...]
 ) -> str:
     """What does not have the shape that it should have, in words; empty where all do.
 
@@ -19,8 +20,9 @@ def wrong_shape(
         n: number of barrier rows.
         nv: number of inputs.
         rows: each array is looked at, ``curvature`` where there is one.
-        vectors: names and arrays that should be of shape (nv,); ``None`` is left out.
-        jacobians: names and arrays that should be of shape (k, nv), whatever k; ``None`` is left out.
+        nominal: input, should be of shape (nv,).
+        velocity: likewise, the measured one; ``None`` is left out.
+        jacobians: of ``JACOBIANS``, should be of shape (k, nv), whatever k; ``None`` is left out.
     """
     if rows.jac.shape != (n, nv):
         return _words("jac of the barrier rows", rows.jac, f"({n}, {nv})")
@@ -29,13 +31,19 @@ def wrong_shape(
         for name in ("h", "drift", "family", "curvature"):
             if _differs(array := getattr(rows, name), line):
                 return _words(f"{name} of the barrier rows", array, f"({n},)")
-    for name, array in vectors:
-        if array is not None and array.shape != vector:
-            return _words(name, array, f"({nv},)")
-    for name, array in jacobians:
+    if nominal.shape != vector:
+        return _words("nominal input", nominal, f"({nv},)")
+    if velocity is not None and velocity.shape != vector:
+        return _words("measured velocity", velocity, f"({nv},)")
+    for name, array in zip(JACOBIANS, jacobians, strict=True):
         if array is not None and (array.ndim != 2 or array.shape[1] != nv):
             return _words(f"Jacobian of the {name}", array, f"(any number, {nv})")
     return ""
+
+
+def packed(*arrays: Array) -> list[Array]:
+    """The arrays themselves where their entries follow each other as compiled code has it, else copies that do."""
+    return [np.ascontiguousarray(a, dtype=float) for a in arrays]
 
 
 def _differs(array: Array | None, shape: tuple[int, ...]) -> bool:

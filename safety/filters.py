@@ -1,5 +1,6 @@
 """Safety filters: a condition on the input, and a resolution that says which input is taken."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -9,10 +10,11 @@ from robots.checks import all_finite, require_non_negative, require_one_of, requ
 from robots.errors import ConfigError
 from robots.messages import Array, Indices
 from safety.conditions import BarrierParameters, RowParameters
-from safety.filter_inputs import wrong_shape
+from safety.filter_inputs import packed, wrong_shape
+from safety.filter_kernels import metric, survey
 from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
-from safety.kernels import all_numbers, room
+from safety.kernels import all_numbers
 from safety.resolutions import (
     INFEASIBLE,
     CartesianPush,
@@ -27,6 +29,12 @@ from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.second_order import acceleration_bounds, ecbf_rows, index_rows, without_margin
 from safety.working_set import Problem
 from wbc.qp import UNBOUNDED
+
+BUDGET_SPENT = "budget spent: the answer is the best found so far"
+"""Cause in a result whose search was cut short; see :attr:`safety.results.FilterResult.spent`."""
+
+FAR = 2 * ACTIVE
+"""With more room than this [m/s, rad/s] no condition counts as active, however sums are rounded."""
 
 __all__ = [
     "ACTIVE",
@@ -62,6 +70,9 @@ class SafetyFilter:
     nothing to brake against: the acceleration is zero then, and the robot coasts at the speed it has; whoever drives it
     has to stop it by other means. The nominal input is passed on only with ``unsafe_pass_nominal``, which is for
     comparison with the papers' baselines, and the status says so.
+
+    Every search has a budget. Where one is spent, v is the one of least slack found so far, between its bounds, and the
+    result says so (``spent`` and the cause): see :class:`safety.resolutions.NearestQp`.
 
     Args:
         name: one of ``FILTERS``; ``none`` is no filter: it passes the nominal input through as it is, even beyond its
@@ -127,7 +138,9 @@ class SafetyFilter:
         self._nv, self._n_rows = v_max.size, n_rows
         self._limit = np.array(v_max)
         self._velocity_max = None if velocity_max is None else np.array(velocity_max)
-        self._identity = np.eye(self._nv)
+        self._lower, self._upper = -self._limit, self._limit
+        self._hessian, self._none = np.zeros((self._nv, self._nv)), np.zeros((0, self._nv))
+        self._pushes = self.kind.resolution.startswith("push")
         self._family: bytes | None = None
 
     def apply(
@@ -157,35 +170,44 @@ class SafetyFilter:
             finite or too large to reckon with, an array of another shape, or input that is too old gives status
             ``FAILED`` with the cause.
         """
-        jacobians = (("feet", feet), ("balance", balance), ("hands", hands))
+        jacobians = (feet, balance, hands)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
             cause = self._objection(rows, v_des, age, velocity, jacobians)
             if not cause and self.kind.condition is None:
-                return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
+                cause = self._not_finite(rows, v_des, velocity)
+                if not cause:
+                    return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := cause or self._prepare(rows.family):
+                cause = self._not_finite(rows, v_des, velocity) or cause
                 return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-            return self._filter(rows, v_des, (feet, balance, hands), velocity)
+            return self._filter(rows, v_des, jacobians, velocity)
 
     def _filter(
         self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
     ) -> FilterResult:
         """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
-        spaces = self._spaces(rows, velocity)
-        if not all_finite(spaces.b):
-            return self._failure("conditions are not finite", velocity, spaces)
-        lower, upper = -self._limit, self._limit
+        lower, upper = self._lower, self._upper
         if self.order == 2 and velocity is not None:
             lower, upper = acceleration_bounds(self._limit, velocity, self._velocity_max, self._dt)
-        violated = room(spaces.A, v_des, spaces.b) < 0
-        pushes = self.kind.resolution.startswith("push") and spaces.active.any()
-        if not (pushes or violated.any() or (v_des < lower).any() or (v_des > upper).any()):
+        spaces, violated = self._spaces(rows, velocity), np.empty(self._n_rows, dtype=bool)
+        parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
+        total, room = survey(*parts, lower, upper, violated)
+        if not math.isfinite(total) or spaces.A is not rows.jac:
+            if cause := self._not_finite(rows, v_des, velocity):
+                return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
+            if not all_finite(spaces.b):
+                return self._failure("conditions are not finite", velocity, spaces)
+        if room >= 0.0 and not (self._pushes and spaces.active.any()):
+            if room >= FAR:
+                return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
         hessian = self._metric(jacobians)
-        if hessian is not self._identity and not all_finite(hessian):
+        if hessian is None:
             return self._failure("weighted Jacobians are not finite", velocity, spaces)
+        problem = Problem(HalfSpaces(parts[2], parts[3], spaces.active), parts[4], hessian, lower, upper, violated)
         try:
-            resolved = self._resolution.resolve(Problem(spaces, v_des, hessian, lower, upper, violated), rows)
+            resolved = self._resolution.resolve(problem, rows)
         except np.linalg.LinAlgError as error:
             return self._failure(f"linear equations have no answer: {error}", velocity, spaces)
         return self._conclude(resolved, velocity, spaces)
@@ -196,21 +218,26 @@ class SafetyFilter:
         v_des: Array,
         age: float,
         velocity: Array | None,
-        jacobians: tuple[tuple[str, Array | None], ...],
+        jacobians: tuple[Array | None, ...],
     ) -> str:
-        """Why these inputs cannot be used, in words; empty where they can."""
+        """Why these inputs cannot be used, whatever their numbers are, in words; empty where they can."""
         if not -self.max_age <= age <= self.max_age:
             return f"input is {age:.2f} s old, allowed are {self.max_age:.2f} s"
-        vectors = (("nominal input", v_des), ("measured velocity", None if self.order == 1 else velocity))
-        if cause := wrong_shape(self._n_rows, self._nv, rows, vectors, jacobians):
+        measured = None if self.order == 1 else velocity
+        if cause := wrong_shape(self._n_rows, self._nv, rows, v_des, measured, jacobians):
             return cause
+        if self.order == 1 or (velocity is not None and rows.curvature is not None):
+            return ""
+        return self._not_finite(rows, v_des, velocity)
+
+    def _not_finite(self, rows: BarrierRows, v_des: Array, velocity: Array | None) -> str:
+        """Which inputs have a number that is not finite or, for order 2, are missing, in words; empty for none."""
         if not all_finite(v_des):
             return f"nominal {'velocity' if self.order == 1 else 'acceleration'} is not finite"
         if not all_numbers(rows.h, rows.drift, rows.jac):
             return "barrier rows are not finite"
-        return "" if self.order == 1 else self._objection_to_second_order(rows, velocity)
-
-    def _objection_to_second_order(self, rows: BarrierRows, velocity: Array | None) -> str:
+        if self.order == 1:
+            return ""
         if velocity is None or not all_finite(velocity):
             return "measured velocity is missing or not finite"
         if rows.curvature is None or not all_finite(rows.curvature):
@@ -251,12 +278,12 @@ class SafetyFilter:
             return spaces
         return HalfSpaces(spaces.A, np.where(spaces.active, spaces.b, -UNBOUNDED), spaces.active)
 
-    def _metric(self, jacobians: tuple[Array | None, ...]) -> Array:
-        hessian, weights = self._identity, (self.foot_weight, self.balance_weight, self.hand_weight)
-        for weight, jacobian in zip(weights, jacobians, strict=True):
-            if jacobian is not None and weight > 0:
-                hessian = hessian + weight * (jacobian.T @ jacobian)
-        return hessian
+    def _metric(self, jacobians: tuple[Array | None, ...]) -> Array | None:
+        """The metric (nv, nv), valid until the next one; ``None`` where it is not finite."""
+        feet, balance, hands = (self._none if j is None else np.ascontiguousarray(j, dtype=float) for j in jacobians)
+        weights = self.foot_weight, self.balance_weight, self.hand_weight
+        total = metric(feet, balance, hands, *weights, self._hessian)
+        return self._hessian if math.isfinite(total) else None
 
     def _conclude(self, resolved: Resolved, velocity: Array | None, spaces: HalfSpaces) -> FilterResult:
         if resolved.v is None:
@@ -266,7 +293,10 @@ class SafetyFilter:
         if resolved.unsafe:
             cause = "no solution found: the nominal input is passed on"
             return self._report(resolved.v, FilterStatus.UNSAFE, velocity, spaces, cause, resolved.candidates)
-        return self._report(resolved.v, FilterStatus.FILTERED, velocity, spaces, "", resolved.candidates)
+        cause = BUDGET_SPENT if resolved.spent else ""
+        return self._report(
+            resolved.v, FilterStatus.FILTERED, velocity, spaces, cause, resolved.candidates, resolved.spent
+        )
 
     def _report(
         self,
@@ -276,9 +306,10 @@ class SafetyFilter:
         spaces: HalfSpaces,
         cause: str = "",
         candidates: Candidates | None = None,
+        spent: bool = False,
     ) -> FilterResult:
         """What an input does to the conditions; the stop action where that cannot be told."""
-        result = report(v, status, spaces, cause, candidates)
+        result = report(v, status, spaces, cause, candidates, spent)
         return replace(result, v=self._stop(velocity)) if result.status == FilterStatus.FAILED else result
 
     def _failure(

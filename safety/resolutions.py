@@ -10,7 +10,9 @@ from robots.messages import Array, Indices
 from safety.condition_kernels import least_shortfall, next_to_immovable
 from safety.infeasibility import Candidates
 from safety.rows import BarrierRows
-from safety.working_set import Problem, WorkingSetQp
+from safety.working_set import BEYOND, Optimum, Problem, WorkingSetQp
+from wbc.active_set import OPTIMAL
+from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED
 
 SLACK_ROUNDING = 1e-8
@@ -47,12 +49,15 @@ class Resolved:
         unsafe: whether it is the nominal input, because no solution was found.
         candidates: rows among which the conflict is; ``None`` where there is none.
         cause: why there is no v, where more can be said than that.
+        spent: whether v is the best that was found before a budget was spent, or as far as rounding let it be found:
+            between its bounds, but not proved to be the one that the resolution asks for.
     """
 
     v: Array | None
     unsafe: bool = False
     candidates: Candidates | None = None
     cause: str = ""
+    spent: bool = False
 
 
 class Resolution(Protocol):
@@ -87,59 +92,97 @@ class NearestQp:
     After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
     slack does not prove that they cannot: the answer is the same, only sooner.
 
+    Everything has a budget (``ROUNDS`` of :mod:`wbc.active_set`, ``STEPS`` of :mod:`wbc.least_slack`, ``PASSES`` of
+    :mod:`safety.working_set`). The first phase is at every step at an input between the bounds, with less slack than
+    before; so where a budget is spent that one is taken, and :attr:`Resolved.spent` says so.
+
     ``unsafe_pass_nominal`` returns the nominal input, clipped to its bounds: the naive baseline of sec. V-C there.
     """
 
     def __init__(self, nv: int, n_rows: int, infeasible: str = "least_slack") -> None:
         """For ``nv`` variables and ``n_rows`` rows; ``infeasible``: one of ``INFEASIBLE``."""
         self._pass_nominal = infeasible == "unsafe_pass_nominal"
-        self._identity = np.eye(nv)
+        self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
         self._hard = WorkingSetQp(nv, n_rows)
-        self._soft = WorkingSetQp(nv, n_rows, 1 / SLACK_PULL)
+        self._soft = Compromise(nv, n_rows)
         self._relaxed = WorkingSetQp(nv, n_rows)
         self._conflict = False
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
         if self._conflict:
-            return self._compromise(problem, tried=False)
+            return self._compromise(problem, None)
         hard = self._hard.solve(problem, problem.spaces.b)
         if hard.v is not None:
             return Resolved(hard.v)
         if self._pass_nominal:
             return Resolved(problem.clipped(), True, _copy(problem, hard.working))
-        return self._compromise(problem, tried=True)
+        return self._compromise(problem, hard)
 
-    def _compromise(self, problem: Problem, tried: bool) -> Resolved:
-        """Both phases; ``tried``: whether it is known that not all conditions can hold."""
+    def _compromise(self, problem: Problem, hard: Optimum | None) -> Resolved:
+        """Both phases; ``hard``: what became of the hard conditions, ``None`` where that was not tried."""
         A, b, bounds = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, (problem.lower, problem.upper)
         lost = next_to_immovable(A, b, *bounds, LEVER, EASE)
         if lost.size:
             b = b.copy()
             b[lost] = -UNBOUNDED
-        nearby = Problem(problem.spaces, problem.clipped(), self._identity, *bounds, problem.violated)
-        soft = self._soft.solve(nearby, b)
-        proven = soft.v is not None and least_shortfall(A, b, *bounds, soft.room) > CERTAIN
-        if not proven and (lost.size or not tried):
+        proved, v = self._soft.solve(problem, self._pull, problem.clipped(), (A, b, self._weights))
+        short = self._soft.short
+        certain = least_shortfall(A, b, *bounds, short) > CERTAIN
+        if not certain and (lost.size or hard is None):
             hard = self._hard.solve(problem, b)
             if hard.v is not None:
                 self._conflict = lost.size > 0
                 return Resolved(hard.v, False, _copy(problem, hard.working, lost) if lost.size else None)
         self._conflict = True
-        candidates = _copy(problem, soft.working, lost)
-        if soft.v is None:
-            return Resolved(None, False, candidates)
-        short, b = np.flatnonzero(soft.room < 0), b.copy()
-        b[short] += soft.room[short] - SLACK_ROUNDING
-        nearest = self._relaxed.solve(problem, b, start=short).v
-        return Resolved(soft.v if nearest is None else nearest, False, candidates)
+        working = np.flatnonzero(short > -BEYOND)
+        candidates = _copy(problem, working, lost)
+        relaxed = np.where(short > 0.0, b - short - SLACK_ROUNDING, b)
+        nearest = self._relaxed.solve(problem, relaxed).v
+        unknown = not certain and hard is not None and hard.spent
+        spent = not proved or nearest is None or unknown
+        return Resolved(v if nearest is None else nearest, False, candidates, spent=spent)
+
+
+class Compromise:
+    """The input of least cost between its bounds where violation costs; searched from that of the last tick.
+
+    Attributes:
+        short: shape (n_rows,) by how much the conditions were violated at the last answer, below 0 where they held.
+    """
+
+    def __init__(self, nv: int, n_rows: int) -> None:
+        """For ``nv`` variables and ``n_rows`` rows."""
+        self._search = LeastSlack(nv, n_rows)
+        self._no_rows, self._last = np.zeros((0, nv)), np.full(nv, np.nan)
+        self.short = self._search.short
+
+    def solve(
+        self, problem: Problem, hessian: Array, centre: Array, soft: tuple[Array, Array, Array]
+    ) -> tuple[bool, Array]:
+        """Whether the optimum was proved, and the input (nv,), new.
+
+        Args:
+            problem: its bounds are read.
+            hessian: shape (nv, nv), metric of half the squared distance to ``centre``.
+            centre: shape (nv,).
+            soft: rows (n_rows, nv), their right-hand sides and the weights of half their squared violation.
+        """
+        lower, upper = problem.lower, problem.upper
+        start = np.minimum(np.maximum(self._last, lower), upper)
+        if not all_finite(start):
+            start = problem.clipped()
+        outcome, v = self._search.solve(hessian, -(hessian @ centre), soft, self._no_rows, lower, upper, start)
+        v = np.minimum(np.maximum(v, lower), upper)
+        self._last = v
+        return outcome == OPTIMAL, v
 
 
 class SlackQp:
     r"""The input that trades distance to the nominal one against violation.
 
-    .. math:: \min_{v, s} \|v - v^{des}\|_H^2 + \tfrac12 \sum_i Q_i s_i^2
-        \quad\text{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
+    .. math:: \min_{v, s} \|v - v^{des}\|_H^2 + 	frac12 \sum_i Q_i s_i^2
+        \quad	ext{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
 
     There is always an answer, and it may violate conditions that could be held. Source: eq. (10) of the p-SSA paper
     with p = 2.
@@ -147,14 +190,16 @@ class SlackQp:
 
     def __init__(self, nv: int, n_rows: int, slack_weight: Array) -> None:
         """For ``nv`` variables and ``n_rows`` rows; ``slack_weight``: Q, shape (n_rows,)."""
-        # the solver's objective is half of both terms: 1/2 |v - v_des|^2 + 1/2 (Q/2) s^2
-        self._scale = np.sqrt(0.5 * slack_weight)
-        self._qp = WorkingSetQp(nv, n_rows, 1.0)
+        # the search's objective is half of both terms: 1/2 |v - v_des|^2 + 1/2 (Q/2) s^2
+        self._weights = 0.5 * slack_weight
+        self._search = Compromise(nv, n_rows)
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
         """See :meth:`Resolution.resolve`."""
-        found = self._qp.solve(problem, problem.spaces.b, self._scale)
-        return Resolved(found.v, False, _copy(problem, found.working))
+        soft = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, self._weights
+        proved, v = self._search.solve(problem, problem.hessian, problem.v_des, soft)
+        working = np.flatnonzero((self._search.short > -BEYOND) | problem.violated)
+        return Resolved(v, False, _copy(problem, working), spent=not proved)
 
 
 class CartesianPush:
@@ -218,7 +263,7 @@ def _pushed(problem: Problem, push: Array) -> Resolved:
     if not all_finite(v):
         # clipped, an infinite push would look like an ordinary one
         return Resolved(None, cause="the push is not finite")
-    return Resolved(np.clip(v, problem.lower, problem.upper))
+    return Resolved(np.minimum(np.maximum(v, problem.lower), problem.upper))
 
 
 def _copy(problem: Problem, working: Indices, lost: Indices | tuple[()] = ()) -> Candidates:

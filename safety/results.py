@@ -8,6 +8,7 @@ from enum import IntEnum
 import numpy as np
 
 from robots.messages import Array, Indices
+from safety.filter_kernels import tally
 from safety.infeasibility import Candidates, minimal_conflict
 from safety.kernels import SINGLE_THREADED
 from safety.rows import HalfSpaces
@@ -47,8 +48,10 @@ class FilterResult:
         active: number of conditions at their limit (to ``ACTIVE``) or beyond it.
         relaxed: indices of the conditions that ``v`` violates by more than ``RELAXED``, ascending.
         shortfall: by how much each of these is violated.
-        cause: why the status is ``FAILED`` or ``UNSAFE``; empty otherwise.
+        cause: why the status is ``FAILED`` or ``UNSAFE``, or that a budget was spent; empty otherwise.
         candidates: rows among which to look for a conflict; ``None`` where all conditions hold.
+        spent: whether ``v`` is the best that was found before a budget was spent, see
+            :class:`safety.resolutions.NearestQp`; its bounds, status and slack are as true as ever.
     """
 
     v: Array
@@ -60,6 +63,7 @@ class FilterResult:
     shortfall: Array = field(default_factory=lambda: np.zeros(0))
     cause: str = ""
     candidates: Candidates | None = None
+    spent: bool = False
 
     def conflict(self) -> tuple[int, ...]:
         """A minimal set of rows that cannot hold together within the bounds; computed when asked, some ms.
@@ -76,6 +80,7 @@ def report(
     spaces: HalfSpaces,
     cause: str = "",
     candidates: Candidates | None = None,
+    spent: bool = False,
 ) -> FilterResult:
     """What an input does to the conditions, whatever a solver said.
 
@@ -86,25 +91,22 @@ def report(
         spaces: the conditions.
         cause: see :class:`FilterResult`.
         candidates: likewise; kept only where ``v`` violates a condition.
+        spent: likewise.
     """
     gap = _room(spaces.A, v, spaces.b)
-    if gap.size == 0:
-        return FilterResult(v, status, 0.0, -1, 0, cause=cause)
-    # where there are NaN, the first of them
-    worst = int(gap.argmin())
-    if not math.isfinite(gap[worst]):
-        active = int(np.count_nonzero(~(gap >= ACTIVE)))
-        cause = cause or f"condition {worst} is not finite at the answer"
+    worst, least, active = tally(gap, ACTIVE)
+    if worst < 0:
+        return FilterResult(v, status, 0.0, -1, 0, cause=cause, spent=spent)
+    if not math.isfinite(least):
+        cause = f"condition {worst} is not finite at the answer" if spent or not cause else cause
         return FilterResult(v, FilterStatus.FAILED, math.inf, worst, active, cause=cause)
-    slack = max(0.0, -float(gap[worst]))
-    close = np.flatnonzero(gap < ACTIVE)
-    active = close.size
+    slack = max(0.0, -least)
     if slack <= RELAXED:
-        return FilterResult(v, status, slack, worst if slack > 0 else -1, active, cause=cause)
-    relaxed = close[gap[close] < -RELAXED]
+        return FilterResult(v, status, slack, worst if slack > 0 else -1, active, cause=cause, spent=spent)
+    relaxed = np.flatnonzero(gap < -RELAXED)
     if status == FilterStatus.FILTERED:
         status = FilterStatus.RELAXED
-    return FilterResult(v, status, slack, worst, active, relaxed, -gap[relaxed], cause, candidates)
+    return FilterResult(v, status, slack, worst, active, relaxed, -gap[relaxed], cause, candidates, spent)
 
 
 def _room(A: Array, v: Array, b: Array) -> Array:

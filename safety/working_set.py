@@ -1,4 +1,4 @@
-"""The input nearest to the nominal one that satisfies many conditions, by solvers that see only those that matter."""
+"""The input nearest to the nominal one that satisfies many conditions."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -6,15 +6,21 @@ from typing import NamedTuple
 import numpy as np
 
 from robots.messages import Array, Indices, Mask
-from safety.condition_kernels import add_violated, seat
+from safety.condition_kernels import add_violated
 from safety.rows import HalfSpaces
-from wbc.qp import UNBOUNDED, QpSolver, make_solver
+from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
+from wbc.qp import UNBOUNDED, DaqpSolver
 
-CAPACITIES = (16, 32, 64, 128)
-"""Sizes of the small solvers, in rows; above them one for all rows."""
+CAPACITY = 64
+"""Rows that the second solver sees at most."""
+
+PASSES = 4
+"""Budget: problems that it is given, each with the rows added that the answer before violated."""
 
 BEYOND = 1e-9
-"""A row violated by more than this [m/s, rad/s] has to be seen by the solver."""
+"""A row violated by more than this [m/s, rad/s] has to be seen by it."""
+
+NOT_WANTED = np.zeros(0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +33,7 @@ class Problem:
         hessian: shape (nv, nv) metric H in which distance to it is measured.
         lower: shape (nv,) bound of the input.
         upper: shape (nv,) likewise.
-        violated: shape (n,) conditions that the nominal input violates: where the search for rows that matter starts.
+        violated: shape (n,) conditions that the nominal input violates.
     """
 
     spaces: HalfSpaces
@@ -39,100 +45,93 @@ class Problem:
 
     def clipped(self) -> Array:
         """The nominal input between its bounds, shape (nv,), new."""
-        return np.clip(self.v_des, self.lower, self.upper)
+        return np.minimum(np.maximum(self.v_des, self.lower), self.upper)
 
 
 class Optimum(NamedTuple):
-    """What a working set found.
+    """What was found.
 
     Attributes:
-        v: shape (nv,) the optimum; ``None`` where there is none.
-        working: the rows that the solver saw last.
-        room: shape (n_rows,) by how much each row holds at v; empty where there is none.
+        v: shape (nv,) the optimum; ``None`` where there is none, or none was found.
+        working: rows that the search had active at its end; where there is no optimum, among them those in conflict.
+        spent: whether neither an optimum nor a conflict was proved: a budget was spent, or rounding stood in the way.
     """
 
     v: Array | None
     working: Indices
-    room: Array
+    spent: bool = False
 
 
 class WorkingSetQp:
-    r"""The input nearest to the nominal one, by a solver that sees only the rows that matter.
+    r"""The input nearest to the nominal one under conditions that hold.
 
-    .. math:: \min_v (v - v^{des})^T H (v - v^{des}) + w \sum_i s_i^2
-        \quad\text{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
+    .. math:: \min_v (v - v^{des})^T H (v - v^{des}) \quad\text{s.t.}\quad A v \ge b,\; v_{min} \le v \le v_{max}
 
-    (without s where no weight is given). It starts from the rows that the nominal input violates and those that were
-    at their limit last time, solves, checks all rows, adds the violated ones and repeats until there is none: then the
-    optimum for these rows is that for all, exactly. The solver is the smallest of a few persistent ones that fits.
+    :class:`wbc.active_set.ActiveSet` searches from the rows that were at their limit last time. Where it proves neither
+    an optimum nor a conflict, DAQP is asked, which sees only rows that matter: those that the nominal input violates and
+    those that the search had, and then what its answer violates, until that is nothing: then the optimum for these rows
+    is that for all. It is asked ``PASSES`` times at most, for ``CAPACITY`` rows at most.
     """
 
-    def __init__(self, nv: int, n_rows: int, slack_weight: float | None = None) -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``slack_weight``: w of each row, ``None`` for rows that hold."""
+    def __init__(self, nv: int, n_rows: int) -> None:
+        """For ``nv`` variables and ``n_rows`` rows."""
         self._nv = nv
-        self._weight = slack_weight
-        self._sizes = [c for c in CAPACITIES if c < n_rows] + [n_rows]
-        self._solvers: dict[int, _SizedSolver] = {}
-        self._last: Indices = np.zeros(0, dtype=np.intp)
-        self._working: Indices = np.zeros(0, dtype=np.intp)
+        self._active = ActiveSet(nv, n_rows)
+        self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
+        self._second: _SecondSolver | None = None
 
-    def solve(self, problem: Problem, b: Array, scale: Array | None = None, start: Indices | tuple[()] = ()) -> Optimum:
-        """Solve one problem.
+    def solve(self, problem: Problem, b: Array) -> Optimum:
+        """Solve one problem whose right-hand sides are ``b`` (n_rows,) instead of those of its conditions."""
+        nv, A = self._nv, np.ascontiguousarray(problem.spaces.A)
+        self._lower[:nv], self._lower[nv:], self._upper[:nv] = problem.lower, b, problem.upper
+        gradient = -(problem.hessian @ problem.v_des)
+        outcome, v = self._active.solve(problem.hessian, gradient, A, self._lower, self._upper, NOT_WANTED)
+        if outcome == OPTIMAL:
+            return Optimum(np.minimum(np.maximum(v, problem.lower), problem.upper), self._working())
+        if outcome == CONTRADICTION:
+            return Optimum(None, self._working())
+        return self._ask_again(problem, A, b)
 
-        Args:
-            problem: all but the conditions' right-hand sides.
-            b: shape (n_rows,) right-hand sides.
-            scale: shape (n_rows,) factor on each row, so that its weight is ``w scale^2``; ``None`` for 1.
-            start: further rows to start from.
-        """
-        A, room = np.ascontiguousarray(problem.spaces.A), np.empty(b.size)
-        chosen = problem.violated.copy()
-        chosen[self._last] = problem.spaces.active[self._last]
-        if len(start):
-            chosen[start] = True
-        while True:
-            working = self._working = seat(self._working, chosen)
-            v = self._solve_for(problem, A[working], b[working], None if scale is None else scale[working])
+    def _working(self) -> Indices:
+        """Rows among the active limits of the search."""
+        limits = np.abs(self._active.guess) - 1
+        return np.sort(limits[limits >= self._nv]) - self._nv
+
+    def _ask_again(self, problem: Problem, A: Array, b: Array) -> Optimum:
+        if self._second is None:
+            self._second = _SecondSolver(self._nv)
+        chosen, room = problem.violated & (b > -UNBOUNDED), np.empty(b.size)
+        chosen[self._working()] = True
+        for _ in range(PASSES):
+            working = np.flatnonzero(chosen)
+            if working.size > CAPACITY:
+                break
+            v = self._second.solve(problem, A[working], b[working])
             if v is None:
-                return Optimum(None, working, np.zeros(0))
+                return Optimum(None, working, True)
             if not add_violated(A, v, b, BEYOND, chosen, room):
-                self._last = working[room[working] < BEYOND]
-                return Optimum(v, working, room)
-
-    def _solve_for(self, problem: Problem, A: Array, b: Array, scale: Array | None) -> Array | None:
-        """The optimum for these rows alone."""
-        if scale is not None:
-            A, b = A * scale[:, None], b * scale
-        size = next(s for s in self._sizes if s >= b.size)
-        if size not in self._solvers:
-            self._solvers[size] = _SizedSolver(self._nv, size, self._weight)
-        return self._solvers[size].solve(problem, A, b)
+                return Optimum(v, working)
+        return Optimum(None, self._working(), True)
 
 
-class _SizedSolver:
-    """A persistent solver with its buffers, for up to ``size`` rows."""
+class _SecondSolver:
+    """DAQP with its buffers, for up to ``CAPACITY`` rows."""
 
-    def __init__(self, nv: int, size: int, slack_weight: float | None) -> None:
-        weights = None if slack_weight is None else np.full(size, slack_weight)
-        self._qp: QpSolver = make_solver("daqp", nv, size, weights)
-        self._nv = nv
+    def __init__(self, nv: int) -> None:
+        self._qp, self._nv = DaqpSolver(nv, CAPACITY), nv
         # a row that is not in use is a bounded variable, out of reach
         self._idle = np.eye(1, nv)
-        self._rows = np.tile(self._idle, (size, 1))
-        self._lower, self._upper = np.full(nv + size, -UNBOUNDED), np.full(nv + size, UNBOUNDED)
-        self._used = 0
+        self._rows = np.tile(self._idle, (CAPACITY, 1))
+        self._lower, self._upper = np.full(nv + CAPACITY, -UNBOUNDED), np.full(nv + CAPACITY, UNBOUNDED)
 
     def solve(self, problem: Problem, A: Array, b: Array) -> Array | None:
+        """The optimum for these rows alone; ``None`` where none is found."""
         n, m = self._nv, b.size
-        self._rows[:m] = A
-        if m < self._used:
-            self._rows[m : self._used] = self._idle
-            self._lower[n + m : n + self._used] = -UNBOUNDED
-        self._used = m
+        self._rows[:m], self._rows[m:] = A, self._idle
         self._lower[:n], self._upper[:n] = problem.lower, problem.upper
-        self._lower[n : n + m] = b
+        self._lower[n : n + m], self._lower[n + m :] = b, -UNBOUNDED
         gradient = -(problem.hessian @ problem.v_des)
-        solution = self._qp.solve(problem.hessian, gradient, self._rows, self._lower, self._upper)
+        solution = self._qp.search(problem.hessian, gradient, self._rows, self._lower, self._upper)
         if solution.status != "optimal":
             return None
         return np.minimum(np.maximum(solution.x, problem.lower), problem.upper)

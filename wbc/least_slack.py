@@ -8,8 +8,14 @@ from numba import njit, types
 from robots.messages import Array, Indices, Mask
 from wbc.active_set import MATRIX, OPTIMAL, ORDER_FREE, OUT, SPENT, VECTOR, search
 
-STEPS = 20
+STEPS = 26
 """Budget: Newton steps of one search for the least slack."""
+
+DIRECT = 4
+"""Steps after which a search that has not ended starts anew with the cost in the foreground,"""
+
+STAGES = (1e6, 1e4, 1e2, 1.0)
+"""times these factors one after the other: each answer is a good start for the next, and all together take fewer steps."""
 
 ROUNDS = 300
 """Budget: changes of the active set in all of them together."""
@@ -97,7 +103,7 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
 
 
 @njit(
-    types.UniTuple(types.int64, 2)(
+    types.UniTuple(types.int64, 3)(
         MATRIX,
         VECTOR,
         MATRIX,
@@ -130,7 +136,7 @@ def descend(
     rounds: int,
     x: Array,
     short: Array,
-) -> tuple[int, int]:
+) -> tuple[int, int, int]:
     r"""Newton's method on a cost that is quadratic piece by piece, under limits that hold at every point of it.
 
     .. math:: \min_x \tfrac12 x^T H x + g^T x + \tfrac12 \sum_i w_i \max(0, d_i - c_i^T x)^2 \quad\text{s.t.}\quad
@@ -156,7 +162,8 @@ def descend(
         short: shape (k,), written: demand - soft x.
 
     Returns:
-        ``OPTIMAL``, ``SPENT``, or what ``search`` made of a step that it has no answer to; and the number of steps.
+        ``OPTIMAL``, ``SPENT``, or what ``search`` made of a step that it has no answer to; the number of steps, and that
+        of changes of the active set in them.
     """
     n = x.size
     seen = np.zeros(demand.size, np.bool_)
@@ -164,11 +171,11 @@ def descend(
     pull, target, end, move = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
     rate, hard, nowhere = np.empty(demand.size), np.zeros(lower.size), np.empty(0)
     _shortfall(soft, demand, x, short)
-    length = 0.0
+    length, changes = 0.0, 0
     for step in range(steps):
         changed = _count_in(soft, demand, weights, short, seen, matrix, vector)
         if changed == 0 and length == 1.0:
-            return OPTIMAL, step
+            return OPTIMAL, step, changes
         least = 0.0
         for j in range(n):
             least = max(least, DEFINITE * matrix[j, j])
@@ -177,10 +184,10 @@ def descend(
                 plain[j, k] = matrix[j, k]
             plain[j, j] += least
             target[j] = vector[j] - least * x[j]
-        outcome, made = search(plain, target, rows, lower, upper, hard, guess, rounds, end, nowhere)
-        rounds -= made
+        outcome, made = search(plain, target, rows, lower, upper, hard, guess, rounds - changes, end, nowhere)
+        changes += made
         if outcome != OPTIMAL:
-            return outcome, step
+            return outcome, step, changes
         size, first, second, largest = 0.0, 0.0, 0.0, 0.0
         for j in range(n):
             move[j] = end[j] - x[j]
@@ -203,8 +210,8 @@ def descend(
             x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
         _shortfall(soft, demand, x, short)
         if size * length <= STILL * (1.0 + largest):
-            return OPTIMAL, step + 1
-    return SPENT, steps
+            return OPTIMAL, step + 1, changes
+    return SPENT, steps, changes
 
 
 class LeastSlack:
@@ -213,12 +220,13 @@ class LeastSlack:
     Attributes:
         short: shape (k,) by how much each row falls short at the last answer; below 0 where it does not.
         steps: made for it.
+        rounds: changes of the active set in these.
     """
 
     def __init__(self, n: int, k: int, m: int = 0, steps: int = STEPS, rounds: int = ROUNDS) -> None:
         """For ``n`` variables, ``k`` rows that may be violated and ``m`` that must hold."""
         self.short = np.zeros(k)
-        self.steps = 0
+        self.steps = self.rounds = 0
         self._guess = np.zeros(n + 1, dtype=np.int64)
         self._steps, self._rounds = steps, rounds
 
@@ -245,10 +253,52 @@ class LeastSlack:
             start: shape (n,) a point that meets the limits.
             guess: limits active there, as :func:`wbc.active_set.search` has them; ``None`` for those of last time.
         """
-        x = start.copy()
         if guess is not None:
             self._guess[:] = guess
-        outcome, self.steps = descend(
-            hessian, gradient, *soft, rows, lower, upper, self._guess, self._steps, self._rounds, x, self.short
+        self.steps = self.rounds = 0
+        problem = soft, rows, lower, upper
+        outcome, best, cost = self._descend(hessian, gradient, 1.0, problem, start, DIRECT)
+        if outcome == OPTIMAL:
+            return outcome, best
+        best_short, x = self.short.copy(), best
+        for stage in STAGES:
+            outcome, x, reached = self._descend(hessian, gradient, stage, problem, x, self._steps - self.steps)
+            if reached < cost or (outcome == OPTIMAL and stage == 1.0):
+                best, best_short, cost = x, self.short.copy(), reached
+            if outcome != OPTIMAL:
+                break
+        self.short[:] = best_short
+        return outcome, best
+
+    def _descend(
+        self,
+        hessian: Array,
+        gradient: Array,
+        stage: float,
+        problem: tuple[tuple[Array, Array, Array], Array, Array, Array],
+        start: Array,
+        steps: int,
+    ) -> tuple[int, Array, float]:
+        """Outcome, x (n,) and cost, with ``stage`` times the cost of x itself on the way, without that in the end."""
+        (soft, demand, weights), rows, lower, upper = problem
+        x, budget = start.copy(), max(0, self._rounds - self.rounds)
+        outcome, made, rounds = descend(
+            stage * hessian,
+            stage * gradient,
+            soft,
+            demand,
+            weights,
+            rows,
+            lower,
+            upper,
+            self._guess,
+            steps,
+            budget,
+            x,
+            self.short,
         )
-        return outcome, x
+        self.steps += made
+        self.rounds += rounds
+        violation = np.maximum(self.short, 0.0)
+        cost = x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (weights * violation) @ violation
+        return outcome, x, float(cost)

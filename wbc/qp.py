@@ -148,12 +148,13 @@ class DaqpSolver:
             return QpSolution(x, multipliers, "optimal", self._active.changes)
         if outcome == CONTRADICTION:
             return self._unsolved("infeasible")
-        solution = self._search(*problem)
+        solution = self.search(*problem)
         if solution.status == "optimal":
             self._active.adopt(solution.multipliers)
         return solution
 
-    def _search(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+    def search(self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array) -> QpSolution:
+        """Ask DAQP at once; arrays as in :meth:`QpSolver.solve`, each with its entries one after the other."""
         kind = _inspect(hessian, gradient, rows, lower, upper)
         if kind == BROKEN:
             return self._unsolved("failed")

@@ -1,0 +1,111 @@
+"""Compiled passes of a filter over all its rows: numbers and room at the nominal input, the metric, the verdict."""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from robots.messages import Array, Mask
+from safety.kernels import MATRIX, REORDERED, VECTOR
+
+OUT = types.float64[::1]
+
+
+@njit(
+    types.UniTuple(types.float64, 2)(
+        VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean[::1]
+    ),
+    cache=True,
+    error_model="numpy",
+    fastmath=REORDERED,
+)
+def survey(
+    h: Array, drift: Array, A: Array, b: Array, v: Array, lower: Array, upper: Array, violated: Mask
+) -> tuple[float, float]:
+    """One pass over conditions A v >= b and what they were made of, at the nominal input.
+
+    Args:
+        h: shape (n,) values of the rows.
+        drift: shape (n,) their drift.
+        A: shape (n, nv).
+        b: shape (n,).
+        v: shape (nv,) nominal input.
+        lower: shape (nv,) its bounds.
+        upper: shape (nv,) likewise.
+        violated: shape (n,), written: which conditions v violates.
+
+    Returns:
+        The sum of all numbers, not finite where one is not; and the least room of a condition at v, ``-inf`` where v is
+        beyond a bound, NaN where a condition has no number.
+    """
+    nv, total, least, numbers = v.size, 0.0, math.inf, True
+    for k in range(nv):
+        total += v[k]
+        if not lower[k] <= v[k] <= upper[k]:
+            least = -math.inf
+    for i in range(h.size):
+        value, size = 0.0, 0.0
+        for k in range(nv):
+            value += A[i, k] * v[k]
+            size += A[i, k]
+        total += size + h[i] + drift[i] + b[i]
+        value -= b[i]
+        violated[i] = value < 0.0
+        numbers &= not math.isnan(value)
+        least = min(least, value)
+    return total, least if numbers else math.nan
+
+
+@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
+    """Adds weight J^T J to the upper triangle."""
+    if weight <= 0.0:
+        return
+    for r in range(jacobian.shape[0]):
+        for i in range(jacobian.shape[1]):
+            share = weight * jacobian[r, i]
+            for j in range(i, jacobian.shape[1]):
+                hessian[i, j] += share * jacobian[r, j]
+
+
+@njit(
+    types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, types.float64[:, ::1]),
+    cache=True,
+    error_model="numpy",
+    fastmath=REORDERED,
+)
+def metric(
+    feet: Array, balance: Array, hands: Array, w_f: float, w_b: float, w_h: float, hessian: Array
+) -> float:
+    """Writes I + sum of w J^T J, (nv, nv), for Jacobians (any, nv); returns its sum, not finite where an entry is not."""
+    nv, total = hessian.shape[0], 0.0
+    hessian[:] = 0.0
+    for i in range(nv):
+        hessian[i, i] = 1.0
+    _add_weighted(w_f, feet, hessian)
+    _add_weighted(w_b, balance, hessian)
+    _add_weighted(w_h, hands, hessian)
+    for i in range(nv):
+        for j in range(i, nv):
+            hessian[j, i] = hessian[i, j]
+            total += hessian[i, j]
+    return total
+
+
+@njit(
+    types.Tuple((types.int64, types.float64, types.int64))(VECTOR, types.float64),
+    cache=True,
+    error_model="numpy",
+    fastmath=REORDERED,
+)
+def tally(room: Array, close: float) -> tuple[int, float, int]:
+    """The row with the least of ``room`` (n,), that room, and how many have less than ``close``.
+
+    NaN is the least and counts; of equals it is the first. -1 and infinity where there are no rows.
+    """
+    worst, least, count = -1, math.inf, 0
+    for i in range(room.size):
+        count += not room[i] >= close
+        if worst < 0 or (not room[i] >= least and not math.isnan(least)):
+            worst, least = i, room[i]
+    return worst, least, count

@@ -35,7 +35,8 @@ def survey(
         violated: shape (n,), written: which conditions v violates.
 
     Returns:
-        The sum of all numbers, not finite where one is not; and the least room of a condition at v, ``-inf`` where v is
+        A sum of all numbers, those of the conditions squared: not finite where one is not, or where a condition is too
+        large for its length to be told; and the least room of a condition at v, ``-inf`` where v is
         beyond a bound, NaN where a condition has no number.
     """
     nv, total, least, numbers = v.size, 0.0, math.inf, True
@@ -47,8 +48,8 @@ def survey(
         value, size = 0.0, 0.0
         for k in range(nv):
             value += A[i, k] * v[k]
-            size += A[i, k]
-        total += size + h[i] + drift[i] + b[i]
+            size += A[i, k] * A[i, k]
+        total += size + h[i] + drift[i] + b[i] * b[i]
         value -= b[i]
         violated[i] = value < 0.0
         numbers &= not math.isnan(value)
@@ -69,15 +70,18 @@ def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
 
 
 @njit(
-    types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, types.float64[:, ::1]),
+    types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
     cache=True,
     error_model="numpy",
     fastmath=REORDERED,
 )
 def metric(
-    feet: Array, balance: Array, hands: Array, w_f: float, w_b: float, w_h: float, hessian: Array
+    feet: Array, balance: Array, hands: Array, w_f: float, w_b: float, w_h: float, v: Array, hessian: Array
 ) -> float:
-    """Writes I + sum of w J^T J, (nv, nv), for Jacobians (any, nv); returns its sum, not finite where an entry is not."""
+    """Writes H = I + sum of w J^T J, (nv, nv), for Jacobians (any, nv).
+
+    Returns a sum of all entries of H and of those of H v times v (nv,): not finite where one of them is not.
+    """
     nv, total = hessian.shape[0], 0.0
     hessian[:] = 0.0
     for i in range(nv):
@@ -88,7 +92,12 @@ def metric(
     for i in range(nv):
         for j in range(i, nv):
             hessian[j, i] = hessian[i, j]
+    for i in range(nv):
+        pull = 0.0
+        for j in range(nv):
             total += hessian[i, j]
+            pull += hessian[i, j] * v[j]
+        total += pull * v[i]
     return total
 
 

@@ -173,14 +173,14 @@ class SafetyFilter:
         jacobians = (feet, balance, hands)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
-            cause = self._objection(rows, v_des, age, velocity, jacobians)
-            if not cause and self.kind.condition is None:
-                cause = self._not_finite(rows, v_des, velocity)
-                if not cause:
-                    return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-            if cause := cause or self._prepare(rows.family):
-                cause = self._not_finite(rows, v_des, velocity) or cause
-                return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
+            if cause := self._objection(rows, v_des, age, velocity, jacobians):
+                return self._refusal(cause, velocity)
+            if self.kind.condition is None:
+                if cause := self._not_finite(rows, v_des, velocity):
+                    return self._refusal(cause, velocity)
+                return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
+            if cause := self._prepare(rows.family):
+                return self._refusal(self._not_finite(rows, v_des, velocity) or cause, velocity)
             return self._filter(rows, v_des, jacobians, velocity)
 
     def _filter(
@@ -195,17 +195,18 @@ class SafetyFilter:
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
             if cause := self._not_finite(rows, v_des, velocity):
-                return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-            if not all_finite(spaces.b):
-                return self._failure("conditions are not finite", velocity, spaces)
+                return self._refusal(cause, velocity)
+            if not math.isfinite(total):
+                words = "too large: a square is not finite" if all_finite(spaces.b) else "not finite"
+                return self._failure(f"conditions are {words}", velocity, spaces)
         if room >= 0.0 and not (self._pushes and spaces.active.any()):
             if room >= FAR:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
-        hessian = self._metric(jacobians)
-        if hessian is None:
-            return self._failure("weighted Jacobians are not finite", velocity, spaces)
-        problem = Problem(HalfSpaces(parts[2], parts[3], spaces.active), parts[4], hessian, lower, upper, violated)
+        if cause := self._write_metric(jacobians, parts[4]):
+            return self._failure(cause, velocity, spaces)
+        conditions = HalfSpaces(parts[2], parts[3], spaces.active)
+        problem = Problem(conditions, parts[4], self._hessian, lower, upper, violated)
         try:
             resolved = self._resolution.resolve(problem, rows)
         except np.linalg.LinAlgError as error:
@@ -278,12 +279,13 @@ class SafetyFilter:
             return spaces
         return HalfSpaces(spaces.A, np.where(spaces.active, spaces.b, -UNBOUNDED), spaces.active)
 
-    def _metric(self, jacobians: tuple[Array | None, ...]) -> Array | None:
-        """The metric (nv, nv), valid until the next one; ``None`` where it is not finite."""
+    def _write_metric(self, jacobians: tuple[Array | None, ...], v_des: Array) -> str:
+        """Bring ``_hessian``, the metric (nv, nv), up to date; why it cannot be used, in words."""
         feet, balance, hands = (self._none if j is None else np.ascontiguousarray(j, dtype=float) for j in jacobians)
         weights = self.foot_weight, self.balance_weight, self.hand_weight
-        total = metric(feet, balance, hands, *weights, self._hessian)
-        return self._hessian if math.isfinite(total) else None
+        if math.isfinite(metric(feet, balance, hands, *weights, v_des, self._hessian)):
+            return ""
+        return "nominal input is too large" if all_finite(self._hessian) else "weighted Jacobians are not finite"
 
     def _conclude(self, resolved: Resolved, velocity: Array | None, spaces: HalfSpaces) -> FilterResult:
         if resolved.v is None:
@@ -311,6 +313,10 @@ class SafetyFilter:
         """What an input does to the conditions; the stop action where that cannot be told."""
         result = report(v, status, spaces, cause, candidates, spent)
         return replace(result, v=self._stop(velocity)) if result.status == FilterStatus.FAILED else result
+
+    def _refusal(self, cause: str, velocity: Array | None) -> FilterResult:
+        """For inputs of which no conditions can be made."""
+        return FilterResult(self._stop(velocity), FilterStatus.FAILED, math.inf, -1, 0, cause=cause)
 
     def _failure(
         self, cause: str, velocity: Array | None, spaces: HalfSpaces, candidates: Candidates | None = None

@@ -32,11 +32,14 @@ CERTAIN = 1e-7
 REACH = 1e9
 """No point with a larger variable is looked for when limits are proved to contradict each other."""
 
-ROUNDS = 120
+ROUNDS = 220
 """Budget: changes of the active set in one search."""
 
-LISTED = 64
+LISTED = 256
 """Broken limits that are kept for the next rounds, which then need not look at all of them."""
+
+CLEARLY = 1e-6
+"""Listed limits come in only where they are broken by more than this at unit length: more than rounding can be."""
 
 OPTIMAL, CONTRADICTION, UNKNOWN, SPENT = 0, 1, 2, 3
 """Outcomes: proved optimum; proof that no point meets all limits; neither could be proved; budget spent."""
@@ -64,8 +67,9 @@ class Active(NamedTuple):
         scales: what each is multiplied by, so that its push has unit length.
         pushes: their gradients.
         targets: their bounds.
-        gram: products of the gradients, softness added on the diagonal.
-        factor: its lower Cholesky factor.
+        wanted: what they want beyond where the optimum without limits is.
+        products: of the gradient described last with those before it and itself, softness added to the last.
+        factor: lower Cholesky factor of all such products.
         forces: their multipliers, 0 or above.
         rates: how these give way to a limit that enters.
         held: shape (n + m,) which limits are active.
@@ -76,7 +80,8 @@ class Active(NamedTuple):
     scales: Array
     pushes: Array
     targets: Array
-    gram: Array
+    wanted: Array
+    products: Array
     factor: Array
     forces: Array
     rates: Array
@@ -206,21 +211,27 @@ def _worst_of_all(
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _worst_of(limits: Limits, held: Mask, x: Array, listed: Indices) -> tuple[int, float, float]:
-    """The same among those ``listed``."""
-    worst, most, side, floor = -1, 0.0, 1.0, _floor(x)
+def _worst_of(limits: Limits, held: Mask, x: Array, listed: Indices) -> tuple[int, float, float, int]:
+    """The same among those ``listed``, of which those clearly broken are kept, at the front."""
+    worst, most, side, count = -1, 0.0, 1.0, 0
     for i in listed:
-        if not held[i]:
-            value = x[i] if i < x.size else _product(limits.rows[i - x.size], x)
-            excess, sign = _excess(limits, i, value, floor)
+        if held[i]:
+            continue
+        value = x[i] if i < x.size else _product(limits.rows[i - x.size], x)
+        if limits.lower[i] <= value <= limits.upper[i]:
+            continue
+        excess, sign = _excess(limits, i, value, CLEARLY)
+        if excess > 0.0:
+            listed[count] = i
+            count += 1
             if excess > most:
                 worst, most, side = i, excess, sign
-    return worst, most, side
+    return worst, most, side, count
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _describe(active: Active, k: int, limits: Limits, metric: Array, i: int, sign: float) -> None:
-    """Write limit i with its side to place k; ``metric`` is the Cholesky factor U of H."""
+def _describe(active: Active, k: int, limits: Limits, metric: Array, free: Array, i: int, sign: float) -> None:
+    """Write limit i with its side to place k; ``metric`` is the Cholesky factor U of H, ``free`` the optimum without."""
     n, push = metric.shape[0], active.pushes[k]
     if i < n:
         push[:] = 0.0
@@ -236,34 +247,48 @@ def _describe(active: Active, k: int, limits: Limits, metric: Array, i: int, sig
         push[j] *= scale
     active.limits[k], active.signs[k], active.scales[k], active.forces[k] = i, sign, scale, 0.0
     active.targets[k] = scale * (limits.lower[i] if sign > 0.0 else -limits.upper[i])
+    active.wanted[k] = active.targets[k] - _product(push, free)
     for j in range(k):
-        active.gram[k, j] = _product(push, active.pushes[j])
-    active.gram[k, k] = _product(push, push) + scale * scale * limits.softness[i]
+        active.products[j] = _product(push, active.pushes[j])
+    active.products[k] = _product(push, push) + scale * scale * limits.softness[i]
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _factor_row(active: Active, k: int) -> float:
-    """Row k of the Cholesky factor; returns what is left of the limit there beside those before it."""
+    """Row k of the Cholesky factor, of the limit described there; returns what is left of it beside those before."""
     row = active.factor[k]
     for j in range(k):
-        row[j] = (active.gram[k, j] - _product(row[:j], active.factor[j, :j])) / active.factor[j, j]
-    left = active.gram[k, k] - _product(row[:k], row[:k])
+        row[j] = (active.products[j] - _product(row[:j], active.factor[j, :j])) / active.factor[j, j]
+    left = active.products[k] - _product(row[:k], row[:k])
     row[k] = math.sqrt(max(left, 0.0))
     return left
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _drop(active: Active, gone: int, count: int) -> int:
-    """Let an active limit go; returns how many are left."""
+    """Let an active limit go; returns how many are left. What is described at place ``count`` moves with the others.
+
+    Rotations of neighbouring columns make the factor without its row triangular again.
+    """
+    factor = active.factor
     active.held[active.limits[gone]] = False
-    for k in range(gone + 1, count):
+    for k in range(gone + 1, count + 1):
         to = k - 1
         active.limits[to], active.signs[to], active.scales[to] = active.limits[k], active.signs[k], active.scales[k]
-        active.targets[to], active.forces[to] = active.targets[k], active.forces[k]
-        active.pushes[to] = active.pushes[k]
-        active.gram[to, :gone] = active.gram[k, :gone]
-        active.gram[to, gone:k] = active.gram[k, gone + 1 : k + 1]
-        _factor_row(active, to)
+        active.targets[to], active.wanted[to] = active.targets[k], active.wanted[k]
+        active.forces[to], active.products[to] = active.forces[k], active.products[k]
+        for j in range(active.pushes.shape[1]):
+            active.pushes[to, j] = active.pushes[k, j]
+        if k < count:
+            for j in range(k + 1):
+                factor[to, j] = factor[k, j]
+    for c in range(gone, count - 1):
+        size = math.hypot(factor[c, c], factor[c, c + 1])
+        cosine, sine = factor[c, c] / size, factor[c, c + 1] / size
+        for k in range(c, count - 1):
+            one, two = factor[k, c], factor[k, c + 1]
+            factor[k, c] = cosine * one + sine * two
+            factor[k, c + 1] = cosine * two - sine * one
     return count - 1
 
 
@@ -277,12 +302,11 @@ def _substitute(active: Active, count: int, x: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _forces(active: Active, count: int, free: Array) -> int:
+def _forces(active: Active, count: int) -> int:
     """The multipliers that hold all active limits; returns the place of the most wrong sign, -1 for none."""
     force, largest = active.forces, 0.0
     for a in range(count):
-        short = active.targets[a] - _product(active.pushes[a], free)
-        force[a] = (short - _product(active.factor[a, :a], force[:a])) / active.factor[a, a]
+        force[a] = (active.wanted[a] - _product(active.factor[a, :a], force[:a])) / active.factor[a, a]
     _substitute(active, count, force)
     for a in range(count):
         largest = max(largest, abs(force[a]))
@@ -305,14 +329,12 @@ def _moved(active: Active, count: int, free: Array, y: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _place(active: Active, count: int, limits: Limits, metric: Array, y: Array, x: Array) -> None:
-    """The point x = U^-1 y, and one step of refinement: what rounding left of the active limits is taken away.
+def _refine(active: Active, count: int, limits: Limits, metric: Array, y: Array, x: Array) -> None:
+    """One step of refinement of the point x = U^-1 y: what rounding left of the active limits is taken away.
 
     U may be as badly conditioned as the root of H; limits that meet in one point, as the sides of a cone do, would come
     and go by what it leaves.
     """
-    x[:] = y
-    backward(metric, x)
     n, rates, left = x.size, active.rates, 0.0
     for a in range(count):
         i = active.limits[a]
@@ -377,9 +399,8 @@ def _enter(active: Active, count: int, limits: Limits, free: Array, y: Array, bu
         for a in range(count):
             if rates[a] > WRONG_SIGN and active.forces[a] < longest * rates[a]:
                 blocking, longest = a, max(0.0, active.forces[a] / rates[a])
-        independent = left > DEPENDENT * active.gram[count, count] and count + 1 < active.limits.size
-        if independent:
-            held = active.gram[count, count] - _product(active.pushes[count], active.pushes[count])
+        if left > DEPENDENT * active.products[count] and count + 1 < active.limits.size:
+            held = active.products[count] - _product(active.pushes[count], active.pushes[count])
             short = active.targets[count] - _product(active.pushes[count], y) - held * active.forces[count]
             if not short / left > longest:
                 active.held[active.limits[count]] = True
@@ -388,16 +409,14 @@ def _enter(active: Active, count: int, limits: Limits, free: Array, y: Array, bu
             return CONTRADICTION if _contradicts(active, count, limits) else UNKNOWN, count, changes
         for a in range(count):
             active.forces[a] -= longest * rates[a]
-        entering = active.forces[count] + longest
-        _drop(active, blocking, count + 1)
-        count -= 1
-        active.forces[count] = entering
+        active.forces[count] += longest
+        count = _drop(active, blocking, count)
         _moved(active, count + 1, free, y)
     return SPENT, count, changes
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _take_up(active: Active, guess: Indices, limits: Limits, metric: Array) -> int:
+def _take_up(active: Active, guess: Indices, limits: Limits, metric: Array, free: Array) -> int:
     """Make the limits of a guess active, those left out that depend on others before; how many there are."""
     count = 0
     for code in guess:
@@ -406,8 +425,8 @@ def _take_up(active: Active, guess: Indices, limits: Limits, metric: Array) -> i
             break
         if active.held[i]:
             continue
-        _describe(active, count, limits, metric, i, 1.0 if code > 0 else -1.0)
-        if _factor_row(active, count) > DEPENDENT * active.gram[count, count] and math.isfinite(active.targets[count]):
+        _describe(active, count, limits, metric, free, i, 1.0 if code > 0 else -1.0)
+        if _factor_row(active, count) > DEPENDENT * active.products[count] and math.isfinite(active.targets[count]):
             active.held[i] = True
             count += 1
     return count
@@ -484,31 +503,34 @@ def search(
         np.empty(k),
         np.empty((k, n)),
         np.empty(k),
-        np.empty((k, k)),
+        np.empty(k),
+        np.empty(k),
         np.empty((k, k)),
         np.empty(k),
         np.empty(k),
         np.zeros(lower.size, np.bool_),
     )
     listed, waiting, changes = np.empty(LISTED, np.int64), 0, 0
-    count = _take_up(active, guess, limits, metric)
+    count = _take_up(active, guess, limits, metric, free)
     while changes <= budget:
-        wrong = _forces(active, count, free)
+        wrong = _forces(active, count)
         if wrong >= 0:
             count = _drop(active, wrong, count)
             changes += 1
             continue
         _moved(active, count, free, y)
-        _place(active, count, limits, metric, y, x)
-        worst, most, side = _worst_of(limits, active.held, x, listed[:waiting])
+        x[:] = y
+        backward(metric, x)
+        worst, most, side, waiting = _worst_of(limits, active.held, x, listed[:waiting])
         if worst < 0:
+            _refine(active, count, limits, metric, y, x)
             worst, most, side, waiting = _worst_of_all(limits, active.held, x, values, listed)
             if worst < 0:
                 _hand_out(active, count, guess, multipliers)
                 return OPTIMAL, changes
         if not math.isfinite(most) or active.held[worst]:
             return UNKNOWN, changes
-        _describe(active, count, limits, metric, worst, side)
+        _describe(active, count, limits, metric, free, worst, side)
         outcome, count, made = _enter(active, count, limits, free, y, budget - changes)
         changes += made
         if outcome != OPTIMAL:

@@ -8,10 +8,10 @@ from numba import njit, types
 from robots.messages import Array, Indices, Mask
 from wbc.active_set import MATRIX, OPTIMAL, ORDER_FREE, OUT, SPENT, VECTOR, search
 
-STEPS = 26
+STEPS = 30
 """Budget: Newton steps of one search for the least slack."""
 
-DIRECT = 4
+DIRECT = 2
 """Steps after which a search that has not ended starts anew with the cost in the foreground,"""
 
 STAGES = (1e6, 1e4, 1e2, 1.0)
@@ -25,6 +25,9 @@ TRIALS = 20
 
 DEFINITE = 1e-14
 """Share of the largest curvature that every direction has at least, about the point where a step starts."""
+
+FLAT = 1e-9
+"""Share of its value at a step's start to which the slope of the cost has to fall at its end."""
 
 STILL = 1e-10
 """A step shorter than this, over 1 + the size of the point, is the last."""
@@ -80,23 +83,28 @@ def _slope(short: Array, rate: Array, weights: Array, t: float) -> tuple[float, 
 def _length(first: float, second: float, short: Array, rate: Array, weights: Array) -> float:
     """The share, 1 at most, of a step at which the cost is least.
 
-    ``first`` and ``second`` are the derivatives of the rest of the cost at the start; the slope never falls along the
-    step, so its zero is enclosed and found by Newton's method. The share returned is one where the cost still falls, or
-    is flat: the cost there is not above that at the start.
+    ``first`` and ``second`` are the derivatives of the rest of the cost at the start. The slope of the whole never falls
+    along the step and is piecewise straight: its zero is enclosed, and found by Newton's method from either side. The
+    share returned is one where the cost still falls, or is flat: it is not above that at the start.
     """
-    low, high, t = 0.0, 1.0, 1.0
+    slope, _ = _slope(short, rate, weights, 0.0)
+    slope += first
+    low, high, slope_low, slope_high, t = 0.0, 1.0, slope, math.inf, 1.0
+    flat = FLAT * abs(slope)
+    if slope >= 0.0:
+        return 0.0
     for _ in range(TRIALS):
         slope, curvature = _slope(short, rate, weights, t)
         slope += first + t * second
-        curvature += second
-        if slope <= 0.0:
-            low = t
+        if slope <= flat:
+            low, slope_low = t, slope
         else:
-            high = t
-        if low >= 1.0 or high - low <= 1e-12:
+            high, slope_high = t, slope
+        if slope >= -flat and slope <= flat or low == 1.0 or high - low <= STILL:
             break
-        t -= slope / curvature
-        # towards the side that is known to be no worse
+        t -= slope / (curvature + second)
+        if not low < t < high:
+            t = (low * slope_high - high * slope_low) / (slope_high - slope_low)
         if not low < t < high:
             t = 0.5 * (low + high)
     return low
@@ -206,6 +214,8 @@ def descend(
                 value += soft[i, j] * move[j]
             rate[i] = value
         length = _length(first, second, short, rate, weights)
+        if length == 0.0:
+            return OPTIMAL, step, changes
         for j in range(n):
             x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
         _shortfall(soft, demand, x, short)

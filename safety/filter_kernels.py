@@ -7,6 +7,7 @@ from numba import njit, types
 
 from robots.messages import Array, Mask
 from safety.kernels import MATRIX, REORDERED, VECTOR
+from wbc.qp import UNBOUNDED
 
 OUT = types.float64[::1]
 
@@ -36,7 +37,7 @@ def survey(
 
     Returns:
         A sum of all numbers, those of the conditions squared: not finite where one is not, or where a condition is too
-        large for its length to be told; and the least room of a condition at v, ``-inf`` where v is
+        large for its length to be told or asks for ``UNBOUNDED``; and the least room of a condition at v, ``-inf`` where v is
         beyond a bound, NaN where a condition has no number.
     """
     nv, total, least, numbers = v.size, 0.0, math.inf, True
@@ -50,6 +51,8 @@ def survey(
             value += A[i, k] * v[k]
             size += A[i, k] * A[i, k]
         total += size + h[i] + drift[i] + b[i] * b[i]
+        if b[i] >= UNBOUNDED:
+            total = math.inf
         value -= b[i]
         violated[i] = value < 0.0
         numbers &= not math.isnan(value)

@@ -197,7 +197,7 @@ class SafetyFilter:
             if cause := self._not_finite(rows, v_des, velocity):
                 return self._refusal(cause, velocity)
             if not math.isfinite(total):
-                words = "too large: a square is not finite" if all_finite(spaces.b) else "not finite"
+                words = "too large: their squares are not finite, or no input is that fast" if all_finite(spaces.b) else "not finite"
                 return self._failure(f"conditions are {words}", velocity, spaces)
         if room >= 0.0 and not (self._pushes and spaces.active.any()):
             if room >= FAR:

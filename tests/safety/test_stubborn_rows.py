@@ -10,6 +10,7 @@ from safety.filters import FilterStatus, SafetyFilter
 from safety.resolutions import NearestQp
 from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.working_set import Optimum, Problem, WorkingSetQp
+from wbc.qp import UNBOUNDED, make_solver
 
 OBSTACLE = FAMILIES.index("obstacle")
 V_MAX, ETA = 2.0, 0.5
@@ -145,14 +146,17 @@ def nearly_dependent(rng: np.random.Generator, nv: int = 12, n: int = 40) -> tup
 def test_nearly_dependent_rows_have_an_answer_of_least_slack(name: str) -> None:
     rng = np.random.default_rng(52)
     kept, nv, n = make(name, 40, 12), 12, 40
-    soft = WorkingSetQp(nv, n, 1e8)
+    soft = make_solver("daqp", nv, n, np.full(n, 1e8))
+    lower, upper = np.full(nv + n, -V_MAX), np.full(nv + n, V_MAX)
     for _ in range(60):
         A, b, v_des = nearly_dependent(rng)
         result = kept.apply(rows_for(A, b), v_des)
         assert result.status == FilterStatus.RELAXED
         own = np.maximum(0.0, b - A @ result.v)
-        least = soft.solve(_problem(A, b, np.zeros(nv)), b)
-        slack = np.maximum(0.0, -least.room)
+        lower[nv:], upper[nv:] = b, UNBOUNDED
+        least = soft.solve(np.eye(nv), np.zeros(nv), A, lower, upper)
+        assert least.status == "optimal"
+        slack = np.maximum(0.0, b - A @ least.x)
         assert np.sqrt(own @ own) <= np.sqrt(slack @ slack) + 1e-6
 
 
@@ -166,17 +170,16 @@ def _problem(A: Array, b: Array, v_des: Array) -> Problem:
 @pytest.mark.parametrize("name", HARD)
 def test_without_a_second_phase_the_first_one_is_the_answer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(53)
-    solve = WorkingSetQp.solve
 
-    def no_hard_answer(self: WorkingSetQp, given: object, b: Array, *rest: object, **more: object) -> Optimum:
-        found = solve(self, given, b, *rest, **more)
-        return found if self._weight is not None else Optimum(None, found.working, np.zeros(0))
+    def no_answer(self: WorkingSetQp, given: Problem, b: Array) -> Optimum:
+        return Optimum(None, np.zeros(0, dtype=np.int64))
 
     A, b, v_des = problem(rng, True)
     full = make(name, 9, 5).apply(rows_for(A, b), v_des)
-    monkeypatch.setattr(WorkingSetQp, "solve", no_hard_answer)
+    monkeypatch.setattr(WorkingSetQp, "solve", no_answer)
     result = make(name, 9, 5).apply(rows_for(A, b), v_des)
     assert result.status == FilterStatus.RELAXED
+    assert result.spent and "best found so far" in result.cause
     own, least = (np.maximum(0.0, b - A @ v) for v in (result.v, full.v))
     np.testing.assert_allclose(own, least, rtol=0, atol=1e-6)
 

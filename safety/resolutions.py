@@ -23,6 +23,9 @@ SLACK_PULL = 1e-8
 
 It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
 
+SECOND_ROUNDS = 100
+"""Budget of the second phase, in changes of its active set: it starts from the rows that the first one violates."""
+
 LEVER = 1e-4
 """A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
 next to immovable,"""
@@ -105,7 +108,7 @@ class NearestQp:
         self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
         self._hard = WorkingSetQp(nv, n_rows)
         self._soft = Compromise(nv, n_rows)
-        self._relaxed = WorkingSetQp(nv, n_rows)
+        self._relaxed = WorkingSetQp(nv, n_rows, SECOND_ROUNDS)
         self._conflict = False
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
@@ -134,11 +137,11 @@ class NearestQp:
             if hard.v is not None:
                 self._conflict = lost.size > 0
                 return Resolved(hard.v, False, _copy(problem, hard.working, lost) if lost.size else None)
-        self._conflict = True
+        new, self._conflict = not self._conflict, True
         working = np.flatnonzero(short > -BEYOND)
         candidates = _copy(problem, working, lost)
         relaxed = np.where(short > 0.0, b - short - SLACK_ROUNDING, b)
-        nearest = self._relaxed.solve(problem, relaxed).v
+        nearest = self._relaxed.solve(problem, relaxed, np.flatnonzero(short > 0.0) if new else None).v
         unknown = not certain and hard is not None and hard.spent
         spent = not proved or nearest is None or unknown
         return Resolved(v if nearest is None else nearest, False, candidates, spent=spent)

@@ -8,13 +8,13 @@ import numpy as np
 from robots.messages import Array, Indices, Mask
 from safety.condition_kernels import add_violated
 from safety.rows import HalfSpaces
-from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
+from wbc.active_set import CONTRADICTION, OPTIMAL, ROUNDS, SPENT, ActiveSet
 from wbc.qp import UNBOUNDED, DaqpSolver
 
 CAPACITY = 64
 """Rows that the second solver sees at most."""
 
-PASSES = 4
+PASSES = 3
 """Budget: problems that it is given, each with the rows added that the answer before violated."""
 
 BEYOND = 1e-9
@@ -67,29 +67,38 @@ class WorkingSetQp:
 
     .. math:: \min_v (v - v^{des})^T H (v - v^{des}) \quad\text{s.t.}\quad A v \ge b,\; v_{min} \le v \le v_{max}
 
-    :class:`wbc.active_set.ActiveSet` searches from the rows that were at their limit last time. Where it proves neither
-    an optimum nor a conflict, DAQP is asked, which sees only rows that matter: those that the nominal input violates and
-    those that the search had, and then what its answer violates, until that is nothing: then the optimum for these rows
-    is that for all. It is asked ``PASSES`` times at most, for ``CAPACITY`` rows at most.
+    :class:`wbc.active_set.ActiveSet` searches from the rows that were at their limit last time, until its budget is spent.
+    Where rounding keeps it from a proof of either an optimum or a conflict, DAQP is asked, which sees only rows that
+    matter: those that the nominal input violates and those that the search had, and then what its answer violates, until
+    that is nothing: then the optimum for these rows is that for all. It is asked ``PASSES`` times at most, for
+    ``CAPACITY`` rows at most.
     """
 
-    def __init__(self, nv: int, n_rows: int) -> None:
-        """For ``nv`` variables and ``n_rows`` rows."""
+    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS) -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``rounds``: budget of the search."""
         self._nv = nv
-        self._active = ActiveSet(nv, n_rows)
+        self._active = ActiveSet(nv, n_rows, budget=rounds)
         self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
         self._second: _SecondSolver | None = None
 
-    def solve(self, problem: Problem, b: Array) -> Optimum:
-        """Solve one problem whose right-hand sides are ``b`` (n_rows,) instead of those of its conditions."""
+    def solve(self, problem: Problem, b: Array, start: Indices | None = None) -> Optimum:
+        """Solve one problem.
+
+        Args:
+            problem: all but the conditions' right-hand sides.
+            b: shape (n_rows,) right-hand sides.
+            start: rows to start from; ``None`` for those that were at their limit last time.
+        """
+        if start is not None:
+            self._active.start_from(self._nv + start)
         nv, A = self._nv, np.ascontiguousarray(problem.spaces.A)
         self._lower[:nv], self._lower[nv:], self._upper[:nv] = problem.lower, b, problem.upper
         gradient = -(problem.hessian @ problem.v_des)
         outcome, v = self._active.solve(problem.hessian, gradient, A, self._lower, self._upper, NOT_WANTED)
         if outcome == OPTIMAL:
             return Optimum(np.minimum(np.maximum(v, problem.lower), problem.upper), self._working())
-        if outcome == CONTRADICTION:
-            return Optimum(None, self._working())
+        if outcome in {CONTRADICTION, SPENT}:
+            return Optimum(None, self._working(), outcome == SPENT)
         return self._ask_again(problem, A, b)
 
     def _working(self) -> Indices:

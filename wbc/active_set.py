@@ -565,6 +565,11 @@ class ActiveSet:
         )
         return outcome, x
 
+    def start_from(self, limits: Indices) -> None:
+        """Start next from the lower sides of these limits, as many as there is room for."""
+        limits = limits[: self.guess.size - 1]
+        self.guess[: limits.size], self.guess[limits.size :] = limits + 1, 0
+
     def adopt(self, multipliers: Array) -> None:
         """Start next from the active set of multipliers (n + m,) that another solver found."""
         self.guess[:] = active_limits(multipliers, self.guess.size)

@@ -1,6 +1,7 @@
 """Conditions that may be violated: the least sum of squares, by Newton steps that never increase it."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -11,7 +12,7 @@ from wbc.active_set import MATRIX, OPTIMAL, ORDER_FREE, OUT, SPENT, VECTOR, sear
 STEPS = 30
 """Budget: Newton steps of one search for the least slack."""
 
-DIRECT = 2
+DIRECT = 4
 """Steps after which a search that has not ended starts anew with the cost in the foreground,"""
 
 STAGES = (1e6, 1e4, 1e2, 1.0)
@@ -20,7 +21,7 @@ STAGES = (1e6, 1e4, 1e2, 1.0)
 ROUNDS = 300
 """Budget: changes of the active set in all of them together."""
 
-TRIALS = 20
+TRIALS = 12
 """Step lengths tried along one of them."""
 
 DEFINITE = 1e-14
@@ -31,6 +32,14 @@ FLAT = 1e-9
 
 STILL = 1e-10
 """A step shorter than this, over 1 + the size of the point, is the last."""
+
+
+class Violated(NamedTuple):
+    """The cost of the rows that are violated, half of x^T matrix x + 2 vector^T x; which they are: seen, (k,)."""
+
+    matrix: Array
+    vector: Array
+    seen: Mask
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -44,27 +53,37 @@ def _shortfall(rows: Array, demand: Array, x: Array, out: Array) -> None:
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _count_in(
-    rows: Array, demand: Array, weights: Array, short: Array, seen: Mask, matrix: Array, vector: Array
-) -> int:
-    """Bring the cost of the violated rows up to date: adds w a a^T and -w b a of each that has become one.
+def _find_changed(short: Array, weights: Array, seen: Mask, changed: Indices, signed: Array) -> int:
+    """Write which rows have become violated or no longer are, with their weight or minus it; how many there are.
 
-    What those no longer violated had added is taken away. ``seen`` tells which are in the cost, and is written.
-    Returns how many have changed.
+    ``seen`` tells which were violated before, and is brought up to date.
     """
-    changed, n = 0, vector.size
-    for i in range(demand.size):
-        if (short[i] > 0.0) == seen[i]:
-            continue
-        changed += 1
-        seen[i] = not seen[i]
-        weight = weights[i] if seen[i] else -weights[i]
+    count = 0
+    for i in range(short.size):
+        if (short[i] > 0.0) != seen[i]:
+            seen[i] = not seen[i]
+            changed[count], signed[count] = i, weights[i] if seen[i] else -weights[i]
+            count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _count_in(rows: Array, demand: Array, changed: Indices, signed: Array, matrix: Array, vector: Array) -> None:
+    """Add w a a^T and -w b a of rows a x >= b that have changed to the cost of the violated rows.
+
+    Four at a time: the matrix is read and written less often.
+    """
+    n, count = vector.size, changed.size
+    for first in range(0, count, 4):
+        i0, w0 = changed[first], signed[first]
+        i1, w1 = (changed[first + 1], signed[first + 1]) if first + 1 < count else (i0, 0.0)
+        i2, w2 = (changed[first + 2], signed[first + 2]) if first + 2 < count else (i0, 0.0)
+        i3, w3 = (changed[first + 3], signed[first + 3]) if first + 3 < count else (i0, 0.0)
         for j in range(n):
-            share = weight * rows[i, j]
-            vector[j] -= share * demand[i]
+            s0, s1, s2, s3 = w0 * rows[i0, j], w1 * rows[i1, j], w2 * rows[i2, j], w3 * rows[i3, j]
+            vector[j] -= s0 * demand[i0] + s1 * demand[i1] + s2 * demand[i2] + s3 * demand[i3]
             for k in range(n):
-                matrix[j, k] += share * rows[i, k]
-    return changed
+                matrix[j, k] += s0 * rows[i0, k] + s1 * rows[i1, k] + s2 * rows[i2, k] + s3 * rows[i3, k]
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -110,19 +129,53 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
     return low
 
 
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _write_piece(cost: tuple[Array, Array], violated: Violated, x: Array, hessian: Array, gradient: Array) -> None:
+    """The cost of the piece that x is in, and a little curvature about x in every direction: its Hessian and gradient."""
+    n, least = x.size, 0.0
+    for j in range(n):
+        for k in range(n):
+            hessian[j, k] = cost[0][j, k] + violated.matrix[j, k]
+        least = max(least, DEFINITE * hessian[j, j])
+    for j in range(n):
+        hessian[j, j] += least
+        gradient[j] = cost[1][j] + violated.vector[j] - least * x[j]
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _derivatives(hessian: Array, gradient: Array, x: Array, move: Array) -> tuple[float, float]:
+    """Of the cost of x itself, along ``move``: the first and the second one."""
+    first, second = 0.0, 0.0
+    for j in range(x.size):
+        value, change = gradient[j], 0.0
+        for k in range(x.size):
+            value += hessian[j, k] * x[k]
+            change += hessian[j, k] * move[k]
+        first += value * move[j]
+        second += change * move[j]
+    return first, second
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _walk(x: Array, end: Array, length: float, move: Array, short: Array, rate: Array) -> bool:
+    """Go a share ``length`` of the way to ``end``; whether that was far enough to go on."""
+    size, largest = 0.0, 0.0
+    for j in range(x.size):
+        size, largest = max(size, abs(move[j])), max(largest, abs(x[j]))
+        x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
+    for i in range(short.size):
+        short[i] -= length * rate[i]
+    return length * size > STILL * (1.0 + largest)
+
+
 @njit(
     types.UniTuple(types.int64, 3)(
-        MATRIX,
-        VECTOR,
-        MATRIX,
-        VECTOR,
-        VECTOR,
-        MATRIX,
-        VECTOR,
-        VECTOR,
+        types.Tuple((MATRIX, VECTOR)),
+        types.Tuple((MATRIX, VECTOR, VECTOR)),
+        types.Tuple((MATRIX, VECTOR, VECTOR)),
         types.int64[::1],
-        types.int64,
-        types.int64,
+        types.UniTuple(types.int64, 2),
+        types.NamedTuple((types.float64[:, ::1], OUT, types.boolean[::1]), Violated),
         OUT,
         OUT,
     ),
@@ -131,17 +184,12 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
     fastmath=ORDER_FREE,
 )
 def descend(
-    hessian: Array,
-    gradient: Array,
-    soft: Array,
-    demand: Array,
-    weights: Array,
-    rows: Array,
-    lower: Array,
-    upper: Array,
-    guess: Array,
-    steps: int,
-    rounds: int,
+    cost: tuple[Array, Array],
+    soft: tuple[Array, Array, Array],
+    limits: tuple[Array, Array, Array],
+    guess: Indices,
+    budget: tuple[int, int],
+    violated: Violated,
     x: Array,
     short: Array,
 ) -> tuple[int, int, int]:
@@ -155,73 +203,50 @@ def descend(
     costs no more than the one before: where the budget ends, the best so far is there.
 
     Args:
-        hessian: H, shape (n, n), positive definite.
-        gradient: g, shape (n,).
-        soft: c, shape (k, n).
-        demand: d, shape (k,).
-        weights: w, shape (k,), 0 or above.
-        rows: A, shape (m, n).
-        lower: shape (n + m,).
-        upper: shape (n + m,).
+        cost: H, shape (n, n), positive definite, and g, shape (n,).
+        soft: c, shape (k, n), d, shape (k,), and w, shape (k,), 0 or above.
+        limits: A, shape (m, n), lower and upper sides, shape (n + m,).
         guess: of the active limits, see :func:`wbc.active_set.search`; that of the last point is written.
-        steps: budget.
-        rounds: budget of changes of the active set, all steps together.
+        budget: Newton steps, and changes of the active set in all of them.
+        violated: of any point, or none (zeros); that of the last point is written.
         x: shape (n,) a point that meets the limits, written.
-        short: shape (k,), written: demand - soft x.
+        short: shape (k,), written: d - c x.
 
     Returns:
         ``OPTIMAL``, ``SPENT``, or what ``search`` made of a step that it has no answer to; the number of steps, and that
         of changes of the active set in them.
     """
-    n = x.size
-    seen = np.zeros(demand.size, np.bool_)
-    matrix, vector, plain = hessian.copy(), gradient.copy(), np.empty((n, n))
-    pull, target, end, move = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
-    rate, hard, nowhere = np.empty(demand.size), np.zeros(lower.size), np.empty(0)
-    _shortfall(soft, demand, x, short)
-    length, changes = 0.0, 0
-    for step in range(steps):
-        changed = _count_in(soft, demand, weights, short, seen, matrix, vector)
-        if changed == 0 and length == 1.0:
-            return OPTIMAL, step, changes
-        least = 0.0
-        for j in range(n):
-            least = max(least, DEFINITE * matrix[j, j])
-        for j in range(n):
-            for k in range(n):
-                plain[j, k] = matrix[j, k]
-            plain[j, j] += least
-            target[j] = vector[j] - least * x[j]
-        outcome, made = search(plain, target, rows, lower, upper, hard, guess, rounds - changes, end, nowhere)
-        changes += made
-        if outcome != OPTIMAL:
-            return outcome, step, changes
-        size, first, second, largest = 0.0, 0.0, 0.0, 0.0
+    hessian, gradient = cost
+    rows, demand, weights = soft
+    n, k = x.size, demand.size
+    changed, signed = np.empty(k, np.int64), np.empty(k)
+    piece, slope, end, move, rate = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(k)
+    hard, nowhere = np.zeros(limits[1].size), np.empty(0)
+    _shortfall(rows, demand, x, short)
+    outcome, length, steps, changes = SPENT, 0.0, 0, 0
+    while steps < budget[0]:
+        count = _find_changed(short, weights, violated.seen, changed, signed)
+        if count == 0 and length == 1.0:
+            outcome = OPTIMAL
+            break
+        _count_in(rows, demand, changed[:count], signed[:count], violated.matrix, violated.vector)
+        _write_piece(cost, violated, x, piece, slope)
+        found, made = search(piece, slope, *limits, hard, guess, budget[1] - changes, end, nowhere)
+        steps, changes = steps + 1, changes + made
+        if found != OPTIMAL:
+            outcome = found
+            break
         for j in range(n):
             move[j] = end[j] - x[j]
-            size, largest = max(size, abs(move[j])), max(largest, abs(x[j]))
-        for j in range(n):
-            pull[j] = 0.0
-            value = gradient[j]
-            for k in range(n):
-                value += hessian[j, k] * x[k]
-                pull[j] += hessian[j, k] * move[k]
-            first += value * move[j]
-            second += pull[j] * move[j]
-        for i in range(demand.size):
-            value = 0.0
-            for j in range(n):
-                value += soft[i, j] * move[j]
-            rate[i] = value
-        length = _length(first, second, short, rate, weights)
-        if length == 0.0:
-            return OPTIMAL, step, changes
-        for j in range(n):
-            x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
-        _shortfall(soft, demand, x, short)
-        if size * length <= STILL * (1.0 + largest):
-            return OPTIMAL, step + 1, changes
-    return SPENT, steps, changes
+        _shortfall(rows, np.zeros(k), move, rate)
+        for i in range(k):
+            rate[i] = -rate[i]
+        length = _length(*_derivatives(hessian, gradient, x, move), short, rate, weights)
+        if not _walk(x, end, length, move, short, rate):
+            outcome = OPTIMAL
+            break
+    _shortfall(rows, demand, x, short)
+    return outcome, steps, changes
 
 
 class LeastSlack:
@@ -238,6 +263,7 @@ class LeastSlack:
         self.short = np.zeros(k)
         self.steps = self.rounds = 0
         self._guess = np.zeros(n + 1, dtype=np.int64)
+        self._violated = Violated(np.zeros((n, n)), np.zeros(n), np.zeros(k, dtype=bool))
         self._steps, self._rounds = steps, rounds
 
     def solve(
@@ -266,13 +292,16 @@ class LeastSlack:
         if guess is not None:
             self._guess[:] = guess
         self.steps = self.rounds = 0
-        problem = soft, rows, lower, upper
-        outcome, best, cost = self._descend(hessian, gradient, 1.0, problem, start, DIRECT)
+        for part in self._violated:
+            part.fill(0)
+        limits = rows, lower, upper
+        outcome, best, cost = self._descend(hessian, gradient, 1.0, soft, limits, start, DIRECT)
         if outcome == OPTIMAL:
             return outcome, best
         best_short, x = self.short.copy(), best
         for stage in STAGES:
-            outcome, x, reached = self._descend(hessian, gradient, stage, problem, x, self._steps - self.steps)
+            left = self._steps - self.steps
+            outcome, x, reached = self._descend(hessian, gradient, stage, soft, limits, x, left)
             if reached < cost or (outcome == OPTIMAL and stage == 1.0):
                 best, best_short, cost = x, self.short.copy(), reached
             if outcome != OPTIMAL:
@@ -285,30 +314,18 @@ class LeastSlack:
         hessian: Array,
         gradient: Array,
         stage: float,
-        problem: tuple[tuple[Array, Array, Array], Array, Array, Array],
+        soft: tuple[Array, Array, Array],
+        limits: tuple[Array, Array, Array],
         start: Array,
         steps: int,
     ) -> tuple[int, Array, float]:
         """Outcome, x (n,) and cost, with ``stage`` times the cost of x itself on the way, without that in the end."""
-        (soft, demand, weights), rows, lower, upper = problem
         x, budget = start.copy(), max(0, self._rounds - self.rounds)
         outcome, made, rounds = descend(
-            stage * hessian,
-            stage * gradient,
-            soft,
-            demand,
-            weights,
-            rows,
-            lower,
-            upper,
-            self._guess,
-            steps,
-            budget,
-            x,
-            self.short,
+            (stage * hessian, stage * gradient), soft, limits, self._guess, (steps, budget), self._violated, x, self.short
         )
         self.steps += made
         self.rounds += rounds
         violation = np.maximum(self.short, 0.0)
-        cost = x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (weights * violation) @ violation
+        cost = x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (soft[2] * violation) @ violation
         return outcome, x, float(cost)

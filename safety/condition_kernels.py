@@ -60,8 +60,8 @@ def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: flo
 def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, short: Array) -> float:
     """A bound from below on the largest violation by any input between its bounds (nv,); above 0 only for a conflict.
 
-    Weighted by the violations, ``short`` (n,) where it is above 0, that a compromise has, the conditions A (n, nv), b (n,) add up to one; what
-    that one is short of at best is an average of theirs (Farkas).
+    Weighted by the violations that a compromise has, ``short`` (n,) where it is above 0, the conditions A (n, nv),
+    b (n,) add up to one; what that one is short of at best is an average of theirs (Farkas).
     """
     row, demand, weights = np.zeros(lower.size), 0.0, 0.0
     for i in range(b.size):

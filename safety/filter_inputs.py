@@ -5,7 +5,6 @@ import numpy as np
 from robots.messages import Array
 from safety.rows import BarrierRows
 
-
 JACOBIANS = ("feet", "balance", "hands")
 
 

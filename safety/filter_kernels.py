@@ -1,21 +1,22 @@
 """Compiled passes of a filter over all its rows: numbers and room at the nominal input, the metric, the verdict."""
 
 import math
+from typing import Any
 
-import numpy as np
 from numba import njit, types
 
 from robots.messages import Array, Mask
 from safety.kernels import MATRIX, REORDERED, VECTOR
 from wbc.qp import UNBOUNDED
 
+TYPES: Any = types
+"""Numba's types, which it has not annotated."""
+
 OUT = types.float64[::1]
 
 
 @njit(
-    types.UniTuple(types.float64, 2)(
-        VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean[::1]
-    ),
+    TYPES.UniTuple(types.float64, 2)(VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean[::1]),
     cache=True,
     error_model="numpy",
     fastmath=REORDERED,
@@ -37,8 +38,8 @@ def survey(
 
     Returns:
         A sum of all numbers, those of the conditions squared: not finite where one is not, or where a condition is too
-        large for its length to be told or asks for ``UNBOUNDED``; and the least room of a condition at v, ``-inf`` where v is
-        beyond a bound, NaN where a condition has no number.
+        large for its length to be told or asks for ``UNBOUNDED``; and the least room of a condition at v, ``-inf``
+        where v is beyond a bound, NaN where a condition has no number.
     """
     nv, total, least, numbers = v.size, 0.0, math.inf, True
     for k in range(nv):
@@ -73,7 +74,7 @@ def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
 
 
 @njit(
-    types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
+    TYPES.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
     cache=True,
     error_model="numpy",
     fastmath=REORDERED,
@@ -105,7 +106,7 @@ def metric(
 
 
 @njit(
-    types.Tuple((types.int64, types.float64, types.int64))(VECTOR, types.float64),
+    TYPES.Tuple((types.int64, types.float64, types.int64))(VECTOR, types.float64),
     cache=True,
     error_model="numpy",
     fastmath=REORDERED,

@@ -33,6 +33,10 @@ from wbc.qp import UNBOUNDED
 BUDGET_SPENT = "budget spent: the answer is the best found so far"
 """Cause in a result whose search was cut short; see :attr:`safety.results.FilterResult.spent`."""
 
+NOT_FINITE = "conditions are not finite"
+TOO_LARGE = "conditions are too large: their squares are not finite, or they ask for more than any input"
+"""Causes of a failure."""
+
 FAR = 2 * ACTIVE
 """With more room than this [m/s, rad/s] no condition counts as active, however sums are rounded."""
 
@@ -196,14 +200,12 @@ class SafetyFilter:
         if not math.isfinite(total) or spaces.A is not rows.jac:
             if cause := self._not_finite(rows, v_des, velocity):
                 return self._refusal(cause, velocity)
-            if not math.isfinite(total):
-                words = "too large: their squares are not finite, or no input is that fast" if all_finite(spaces.b) else "not finite"
-                return self._failure(f"conditions are {words}", velocity, spaces)
-        if room >= 0.0 and not (self._pushes and spaces.active.any()):
+        cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
+        if not cause and room >= 0.0 and not (self._pushes and spaces.active.any()):
             if room >= FAR:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
-        if cause := self._write_metric(jacobians, parts[4]):
+        if cause := cause or self._write_metric(jacobians, parts[4]):
             return self._failure(cause, velocity, spaces)
         conditions = HalfSpaces(parts[2], parts[3], spaces.active)
         problem = Problem(conditions, parts[4], self._hessian, lower, upper, violated)

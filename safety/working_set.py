@@ -67,10 +67,10 @@ class WorkingSetQp:
 
     .. math:: \min_v (v - v^{des})^T H (v - v^{des}) \quad\text{s.t.}\quad A v \ge b,\; v_{min} \le v \le v_{max}
 
-    :class:`wbc.active_set.ActiveSet` searches from the rows that were at their limit last time, until its budget is spent.
-    Where rounding keeps it from a proof of either an optimum or a conflict, DAQP is asked, which sees only rows that
-    matter: those that the nominal input violates and those that the search had, and then what its answer violates, until
-    that is nothing: then the optimum for these rows is that for all. It is asked ``PASSES`` times at most, for
+    :class:`wbc.active_set.ActiveSet` searches from the rows that were at their limit last time, until its budget is
+    spent. Where rounding keeps it from a proof of either an optimum or a conflict, DAQP is asked, which sees only rows
+    that matter: those that the nominal input violates and those that the search had, and then what its answer violates,
+    until that is nothing: then the optimum for these rows is that for all. It is asked ``PASSES`` times at most, for
     ``CAPACITY`` rows at most.
     """
 

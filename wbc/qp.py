@@ -12,7 +12,8 @@ from numba import njit, types
 from robots.checks import require_one_of
 from robots.errors import ConfigError
 from robots.messages import Array
-from wbc.active_set import CONTRADICTION, OPTIMAL, TOLERANCE, ActiveSet
+from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
+from wbc.limits import TOLERANCE
 
 QpStatus = Literal["optimal", "infeasible", "failed"]
 UNBOUNDED = 1e30
@@ -27,7 +28,7 @@ SINGULAR = 1e-13
 Its own 3.7e-11 takes rows for dependent that are not, and then proves infeasible what is not."""
 
 SETTINGS = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_limit": 300}
-"""Of daqp: with 350 rows 300 iterations take a millisecond, and problems that it solves at all have taken half of that."""
+"""Of daqp: 300 iterations on 350 rows take a millisecond; problems that it solves at all have taken half of that."""
 
 PROXQP_BUDGET = 500
 """Of proxqp's outer iterations, and of the inner ones in each."""
@@ -141,14 +142,14 @@ class DaqpSolver:
         """Solve one problem; see :meth:`QpSolver.solve`."""
         if not self.m:
             rows = self._no_rows
-        problem = tuple(map(np.ascontiguousarray, (hessian, gradient, rows, lower, upper)))
+        hessian, gradient, rows, lower, upper = map(np.ascontiguousarray, (hessian, gradient, rows, lower, upper))
         multipliers = np.empty(self.n + self.m)
-        outcome, x = self._active.solve(*problem, multipliers)
+        outcome, x = self._active.solve(hessian, gradient, rows, lower, upper, multipliers)
         if outcome == OPTIMAL:
             return QpSolution(x, multipliers, "optimal", self._active.changes)
         if outcome == CONTRADICTION:
             return self._unsolved("infeasible")
-        solution = self.search(*problem)
+        solution = self.search(hessian, gradient, rows, lower, upper)
         if solution.status == "optimal":
             self._active.adopt(solution.multipliers)
         return solution

@@ -143,7 +143,7 @@ class TorqueQp:
     def _within(self, problem: DynWbcProblem) -> tuple[QpSolution, Array, Array]:
         """A point within cones and torques, and the bounds of the problem, new; joints' are given up if they must be.
 
-        The nearest to the last compromise, in the metric of the cost; the optimum without conditions where there is none.
+        It is nearest to the last compromise, in the metric of the cost; without one, the optimum without conditions.
         """
         limits, hard = problem.rows[: self._hard], self.nx + self._hard
         gradient = problem.gradient if self._compromise is None else -(problem.hessian @ self._compromise)

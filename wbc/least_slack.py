@@ -6,13 +6,13 @@ from robots.messages import Array, Indices
 from wbc.active_set import OPTIMAL
 from wbc.descent import Violated, descend
 
-STEPS = 30
+STEPS = 32
 """Budget: Newton steps of one search for the least slack."""
 
-DIRECT = 4
+DIRECT = 8
 """Steps after which a search that has not ended starts anew with the cost in the foreground,"""
 
-STAGES = (1e6, 1e4, 1e2, 1.0)
+STAGES = (1e4, 1e2, 1.0)
 """times these factors in turn: each answer is a good start for the next, and together they take fewer steps."""
 
 ROUNDS = 300

@@ -51,7 +51,11 @@ def _enter(active: Active, count: int, limits: Limits, free: Array, y: Array, bu
         for a in range(count):
             if rates[a] > WRONG_SIGN and active.forces[a] < longest * rates[a]:
                 blocking, longest = a, max(0.0, active.forces[a] / rates[a])
-        if left > DEPENDENT * active.products[count] and count + 1 < active.limits.size:
+        room, independent = count + 1 < active.limits.size, left > DEPENDENT * active.products[count]
+        if independent and not room and active.limits.size > y.size + 1:
+            return UNKNOWN, count, changes
+        # n limits that hold leave nothing beside them, whatever rounding says
+        if independent and room:
             held = active.products[count] - product(active.pushes[count], active.pushes[count])
             short = active.targets[count] - product(active.pushes[count], y) - held * active.forces[count]
             if not short / left > longest:
@@ -203,7 +207,7 @@ class ActiveSet:
     def __init__(self, n: int, m: int, softness: Array | None = None, budget: int = ROUNDS) -> None:
         """For ``n`` variables and ``m`` rows; ``softness``: shape (n + m,), ``None`` where all limits must hold."""
         self._softness = np.zeros(n + m) if softness is None else softness
-        self.guess = np.zeros(n + 1 + min(n, int(np.count_nonzero(self._softness))), dtype=np.int64)
+        self.guess = np.zeros(n + 1 + min(2 * n, int(np.count_nonzero(self._softness))), dtype=np.int64)
         self.changes = 0
         self._n, self._m, self._budget = n, m, budget
 

@@ -65,7 +65,7 @@ class LeastSlack:
         for part in self._violated:
             part.fill(0)
         limits = rows, lower, upper
-        outcome, best, cost = self._descend(hessian, gradient, 1.0, soft, limits, start, DIRECT)
+        outcome, best, cost = self._descend(hessian, gradient, 1.0, soft, limits, start, min(DIRECT, self._steps))
         if outcome == OPTIMAL:
             return outcome, best
         best_short, x = self.short.copy(), best

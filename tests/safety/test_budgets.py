@@ -1,0 +1,106 @@
+"""What a filter does when a budget is spent: the least slack so far, between the bounds, and it says so."""
+
+import numpy as np
+import pytest
+
+from robots.messages import Array
+from safety import resolutions, working_set
+from safety.conditions import BarrierParameters, FamilyParameters
+from safety.filters import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
+from safety.rows import FAMILIES, BarrierRows
+from wbc import active_set, least_slack
+
+OBSTACLE = FAMILIES.index("obstacle")
+V_MAX, ETA = 2.0, 0.5
+N, NV = 60, 8
+
+
+def rows_for(A: Array, b: Array) -> BarrierRows:
+    """Rows inside every margin on which SSA demands A v >= b."""
+    return BarrierRows(np.full(b.size, -0.1), A, ETA - b, np.full(b.size, OBSTACLE, dtype=np.intp))
+
+
+def make(name: str) -> SafetyFilter:
+    return SafetyFilter(name, N, BarrierParameters(obstacle=FamilyParameters(eta=ETA)), np.full(NV, V_MAX))
+
+
+def problem(rng: np.random.Generator, conflict: bool) -> tuple[Array, Array, Array]:
+    A, v = rng.normal(size=(N, NV)), rng.uniform(-1, 1, NV)
+    b = A @ v - rng.uniform(0.0, 0.3, N)
+    if conflict:
+        A[: N // 2] = -A[N // 2 :]
+        b = rng.uniform(-0.3, 0.5, N)
+    return A, b, rng.normal(scale=2.0, size=NV)
+
+
+@pytest.fixture(params=[(0, 0), (0, 1), (2, 2), (5, 30), (active_set.ROUNDS, 0)], ids=str)
+def budgets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
+    """Changes of the active set, and Newton steps."""
+    rounds, steps = request.param
+    for search in (working_set.WorkingSetQp, least_slack.LeastSlack):
+        make_it = search.__init__
+
+        def limited(self: object, *args: int, _make: object = make_it, _name: str = search.__name__, **_: int) -> None:
+            if _name == "WorkingSetQp":
+                _make(self, *args[:2], rounds)  # type: ignore[operator]
+            else:
+                _make(self, *args, steps=steps, rounds=1000)  # type: ignore[operator]
+
+        monkeypatch.setattr(search, "__init__", limited)
+    return rounds, steps
+
+
+@pytest.mark.parametrize("name", ["ssa", "pssa", "rssa"])
+@pytest.mark.parametrize("conflict", [False, True])
+def test_the_best_so_far_is_taken_and_said_to_be(name: str, conflict: bool, budgets: tuple[int, int]) -> None:
+    rng = np.random.default_rng(0)
+    spent = 0
+    for _ in range(30):
+        A, b, v_des = problem(rng, conflict)
+        result = make(name).apply(rows_for(A, b), v_des)
+        short = np.maximum(0.0, b - A @ result.v)
+        assert (np.abs(result.v) <= V_MAX).all()
+        assert result.status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
+        assert result.slack == pytest.approx(short.max(), abs=1e-12)
+        assert (result.status == FilterStatus.RELAXED) == (short.max() > RELAXED)
+        assert result.cause == (BUDGET_SPENT if result.spent else "")
+        if result.spent:
+            spent += 1
+            assert BUDGET_SPENT in explain(result, [str(i) for i in range(N)])
+            if name != "rssa":
+                # never worse than the nominal input, cut to its bounds
+                nominal = np.maximum(0.0, b - A @ np.clip(v_des, -V_MAX, V_MAX))
+                assert short @ short <= nominal @ nominal + 1e-9
+    assert spent > 0 or budgets in {(active_set.ROUNDS, 0), (5, 30)} or name == "rssa"
+
+
+@pytest.mark.parametrize("name", ["ssa", "pssa"])
+def test_more_steps_never_cost_slack(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With nothing but the first phase: its steps one by one."""
+    rng = np.random.default_rng(1)
+    nothing = working_set.Optimum(None, np.zeros(0, dtype=np.int64), True)
+    monkeypatch.setattr(working_set.WorkingSetQp, "solve", lambda *_: nothing)
+    monkeypatch.setattr(least_slack, "STAGES", ())
+    for _ in range(10):
+        A, b, v_des = problem(rng, True)
+        slack = []
+        for steps in range(least_slack.DIRECT):
+            kept = make(name)
+            kept._prepare(rows_for(A, b).family)
+            kept._resolution._soft._search._steps = steps  # type: ignore[attr-defined]
+            result = kept.apply(rows_for(A, b), v_des)
+            slack.append(float(np.sum(np.maximum(0.0, b - A @ result.v) ** 2)))
+        assert (np.diff(slack) <= 1e-6).all()
+        assert slack[-1] < slack[0]
+
+
+def test_without_a_budget_nothing_is_said() -> None:
+    rng = np.random.default_rng(2)
+    for name in ("ssa", "pssa", "rssa"):
+        kept = make(name)
+        for i in range(40):
+            A, b, v_des = problem(rng, i % 2 == 1)
+            result = kept.apply(rows_for(A, b), v_des)
+            assert not result.spent
+            assert result.cause == ""
+    assert resolutions.SECOND_ROUNDS <= active_set.ROUNDS

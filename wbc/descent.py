@@ -10,7 +10,7 @@ from robots.messages import Array, Indices, Mask
 from wbc.active_set import OPTIMAL, SPENT, search
 from wbc.triangular import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 
-TRIALS = 12
+TRIALS = 30
 """Step lengths tried along one of them."""
 
 DEFINITE = 1e-14
@@ -93,14 +93,15 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
 
     ``first`` and ``second`` are the derivatives of the rest of the cost at the start. The slope of the whole never
     falls along the step and is piecewise straight: its zero is enclosed, and found by Newton's method from either side.
-    The share returned is one where the cost still falls, or is flat: it is not above that at the start.
+    The share returned is one where the cost still falls, or is flat: it is not above that at the start. It is negative
+    where the cost does not fall along the step at all: rounding is all that is left of it.
     """
     slope, _ = _slope(short, rate, weights, 0.0)
     slope += first
     low, high, slope_low, slope_high, t = 0.0, 1.0, slope, math.inf, 1.0
     flat = FLAT * abs(slope)
     if slope >= 0.0:
-        return 0.0
+        return -1.0
     for _ in range(TRIALS):
         slope, curvature = _slope(short, rate, weights, t)
         slope += first + t * second
@@ -147,14 +148,14 @@ def _derivatives(hessian: Array, gradient: Array, x: Array, move: Array) -> tupl
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _walk(x: Array, end: Array, length: float, move: Array, short: Array, rate: Array) -> bool:
-    """Go a share ``length`` of the way to ``end``; whether that was far enough to go on."""
+    """Go a share ``length`` of the way to ``end``; whether that was far enough away to go on."""
     size, largest = 0.0, 0.0
     for j in range(x.size):
         size, largest = max(size, abs(move[j])), max(largest, abs(x[j]))
         x[j] = end[j] if length == 1.0 else x[j] + length * move[j]
     for i in range(short.size):
         short[i] -= length * rate[i]
-    return length * size > STILL * (1.0 + largest)
+    return size > STILL * (1.0 + largest)
 
 
 @njit(
@@ -231,7 +232,7 @@ def descend(
         for i in range(k):
             rate[i] = -rate[i]
         length = _length(*_derivatives(hessian, gradient, x, move), short, rate, weights)
-        if not _walk(x, end, length, move, short, rate):
+        if length < 0.0 or not _walk(x, end, length, move, short, rate):
             outcome = OPTIMAL
             break
     _shortfall(rows, demand, x, short)

@@ -1,5 +1,6 @@
 """The exponential CBF inside the whole-body controller: what its accelerations do to the barriers."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,9 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers import standard_barriers
 from safety.conditions import FamilyParameters
 from safety.filters import FilterStatus
+from wbc.contact import SoleContact
+from wbc.dynwbc import DynWbcResult
+from wbc.torque_qp import DynWbcProblem, TorqueQp
 
 POSTURE = "hands_front"
 
@@ -127,20 +131,65 @@ def test_velocity_bounds_hold_and_the_report_is_that_of_the_bounded_command(
         assert np.abs(joints).max() > 0.1
 
 
-def test_conditions_that_no_torque_can_meet_are_relaxed_and_reported(name: str) -> None:
-    """Arms that race into the torso cannot be stopped by their motors."""
-    controller, reference = ready(name, "ecbf")
-    kin, robot = controller.kin, controller.robot
-    kin.update(standing_configuration(robot, POSTURE), np.zeros(kin.nv))
+def racing_state(controller: WholeBodyController) -> RobotState:
+    """The closest two bodies race into each other."""
+    kin = controller.kin
+    kin.update(standing_configuration(controller.robot, POSTURE), np.zeros(kin.nv))
     rows = controller.barriers.evaluate(kin)
     pairs = controller.barriers.slices["self_collision"]
     closest = pairs.start + int(np.argmin(rows.h[pairs]))
     v = np.zeros(kin.nv)
     v[6:] = -200.0 * rows.jac[closest, 6:]
-    state = RobotState(kin.q.copy(), v, np.zeros(kin.nv - 6), 0.0)
+    return RobotState(kin.q.copy(), v, np.zeros(kin.nv - 6), 0.0)
+
+
+def test_conditions_that_no_torque_can_meet_are_relaxed_and_reported(name: str) -> None:
+    """Arms that race into the torso cannot be stopped by their motors."""
+    controller, reference = ready(name, "ecbf")
+    robot, state = controller.robot, racing_state(controller)
     controller.reset(state)
     result = controller.tick(state, reference)
     assert result.dynwbc.status == "optimal" and result.dynwbc.relaxed
     assert result.safety.status == FilterStatus.RELAXED
     assert result.safety.slack == pytest.approx(result.safety.shortfall.max(), rel=1e-12)
     assert (np.abs(result.dynwbc.torque) <= robot.joint_array("effort") + 1e-7).all()
+
+
+def test_no_perturbation_leaves_dynwbc_without_an_answer(name: str) -> None:
+    """The same conflict with every number of the problem off by rounding, seen by new solvers and by used ones."""
+    controller, reference = ready(name, "ecbf")
+    state = racing_state(controller)
+    problems: list[DynWbcProblem] = []
+    solve = controller.dynwbc.solve
+
+    def kept(problem: DynWbcProblem) -> DynWbcResult:
+        problems.append(problem)
+        return solve(problem)
+
+    controller.dynwbc.solve = kept  # type: ignore[method-assign]
+    controller.reset(state)
+    controller.tick(state, reference)
+    problem, rng = problems[0], np.random.default_rng(0)
+    contacts = [SoleContact(s.frame, s.half_length, s.half_width, 0.6) for s in controller.robot.soles]
+    effort, count = controller.robot.joint_array("effort"), controller.barriers.size
+    used, slack, slack_seen = TorqueQp((0, 1), contacts, effort, "daqp", count), [], []
+    for i in range(60):
+        parts = {part: getattr(problem, part) for part in ("hessian", "gradient", "rows", "lower", "upper")}
+        noisy = {part: a * (1.0 + 1e-15 * rng.normal(size=a.shape)) for part, a in parts.items()}
+        noisy["hessian"] = 0.5 * (noisy["hessian"] + noisy["hessian"].T)
+        qp = used if i % 2 else TorqueQp((0, 1), contacts, effort, "daqp", count)
+        solution, relaxed = qp.solve(replace(problem, **noisy))
+        assert solution.status == "optimal" and relaxed
+        # cones and torques hold, and the conditions are as short as they were
+        value = problem.rows @ solution.x
+        limits = slice(0, len(value) - count)
+        assert (value[limits] <= problem.upper[problem.gradient.size :][limits] + 1e-6).all()
+        assert (value[limits] >= problem.lower[problem.gradient.size :][limits] - 1e-6).all()
+        short = np.maximum(0.0, problem.lower[-count:] - value[-count:])
+        slack.append(float(np.linalg.norm(short)))
+        if not solution.spent:
+            slack_seen.append(slack[-1])
+    assert len(slack_seen) > 50
+    assert np.ptp(slack_seen) <= 1e-5 * max(slack_seen)
+    # where the budget was spent, it was close
+    assert max(slack) <= 1.01 * min(slack_seen)

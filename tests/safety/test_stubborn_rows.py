@@ -171,7 +171,7 @@ def _problem(A: Array, b: Array, v_des: Array) -> Problem:
 def test_without_a_second_phase_the_first_one_is_the_answer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(53)
 
-    def no_answer(self: WorkingSetQp, given: Problem, b: Array) -> Optimum:
+    def no_answer(self: WorkingSetQp, given: Problem, b: Array, start: object = None) -> Optimum:
         return Optimum(None, np.zeros(0, dtype=np.int64))
 
     A, b, v_des = problem(rng, True)

@@ -7,14 +7,14 @@ import numpy as np
 from numba import njit, types
 
 from robots.messages import Array, Indices, Mask
-from wbc.active_set import OPTIMAL, SPENT, search
+from wbc.active_set import OPTIMAL, SPENT, UNKNOWN, search
 from wbc.triangular import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 
 TRIALS = 30
 """Step lengths tried along one of them."""
 
 DEFINITE = 1e-14
-"""Share of the largest curvature that every direction has at least, about the point where a step starts."""
+"""Share of the largest curvature that is added in every direction where rounding leaves the cost indefinite."""
 
 FLAT = 1e-9
 """Share of its value at a step's start to which the slope of the cost has to fall at its end."""
@@ -120,13 +120,15 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _write_piece(cost: tuple[Array, Array], violated: Violated, x: Array, hessian: Array, gradient: Array) -> None:
-    """Hessian and gradient of the piece that x is in, with a little curvature about x in every direction."""
+def _write_piece(
+    cost: tuple[Array, Array], violated: Violated, x: Array, share: float, hessian: Array, gradient: Array
+) -> None:
+    """Hessian and gradient of the piece that x is in, with ``share`` of the largest curvature about x on top."""
     n, least = x.size, 0.0
     for j in range(n):
         for k in range(n):
             hessian[j, k] = cost[0][j, k] + violated.matrix[j, k]
-        least = max(least, DEFINITE * hessian[j, j])
+        least = max(least, share * hessian[j, j])
     for j in range(n):
         hessian[j, j] += least
         gradient[j] = cost[1][j] + violated.vector[j] - least * x[j]
@@ -213,16 +215,20 @@ def descend(
     piece, slope, end, move, rate = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(k)
     hard, nowhere = np.zeros(limits[1].size), np.empty(0)
     _shortfall(rows, demand, x, short)
-    outcome, length, steps, changes = SPENT, 0.0, 0, 0
+    outcome, length, steps, changes, exact = SPENT, 0.0, 0, 0, True
     while steps < budget[0]:
         count = _find_changed(short, weights, violated.seen, changed, signed)
-        if count == 0 and length == 1.0:
+        if count == 0 and length == 1.0 and exact:
             outcome = OPTIMAL
             break
         _count_in(rows, demand, changed[:count], signed[:count], violated.matrix, violated.vector)
-        _write_piece(cost, violated, x, piece, slope)
+        _write_piece(cost, violated, x, 0.0, piece, slope)
         found, made = search(piece, slope, *limits, hard, guess, budget[1] - changes, end, nowhere)
-        steps, changes = steps + 1, changes + made
+        steps, changes, exact = steps + 1, changes + made, found != UNKNOWN
+        if not exact:
+            _write_piece(cost, violated, x, DEFINITE, piece, slope)
+            found, made = search(piece, slope, *limits, hard, guess, budget[1] - changes, end, nowhere)
+            changes += made
         if found != OPTIMAL:
             outcome = found
             break

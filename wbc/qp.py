@@ -30,7 +30,7 @@ Its own 3.7e-11 takes rows for dependent that are not, and then proves infeasibl
 SETTINGS = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_limit": 300}
 """Of daqp: 300 iterations on 350 rows take a millisecond; problems that it solves at all have taken half of that."""
 
-PROXQP_BUDGET = 500
+PROXQP_BUDGET = 200
 """Of proxqp's outer iterations, and of the inner ones in each."""
 
 SHORT, NOTHING = 1e-8, 1e-30

@@ -104,3 +104,47 @@ def test_without_a_budget_nothing_is_said() -> None:
             assert not result.spent
             assert result.cause == ""
     assert resolutions.SECOND_ROUNDS <= active_set.ROUNDS
+
+
+@pytest.mark.parametrize("name", ["ssa", "pssa"])
+@pytest.mark.parametrize("conflict", [False, True])
+def test_where_rounding_leaves_no_proof_daqp_is_asked(
+    name: str, conflict: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A search that never proves anything: the answers are the same, only later."""
+    rng = np.random.default_rng(3)
+    problems = [problem(rng, conflict) for _ in range(20)]
+    expected = [make(name).apply(rows_for(A, b), v_des) for A, b, v_des in problems]
+    monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
+    same = 0
+    for (A, b, v_des), right in zip(problems, expected, strict=True):
+        result = make(name).apply(rows_for(A, b), v_des)
+        if not result.spent:
+            np.testing.assert_allclose(result.v, right.v, rtol=0, atol=1e-7)
+            assert result.status == right.status
+            same += 1
+        else:
+            short, least = (np.maximum(0.0, b - A @ v) for v in (result.v, right.v))
+            assert np.linalg.norm(short) <= np.linalg.norm(least) + 1e-5
+    assert same > 10 or conflict
+
+
+def test_daqp_is_asked_for_few_rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    rng = np.random.default_rng(4)
+    asked: list[int] = []
+    solve = working_set._SecondSolver.solve
+
+    def counted(self: object, given: object, A: Array, b: Array) -> Array | None:
+        asked.append(b.size)
+        return solve(self, given, A, b)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(working_set._SecondSolver, "solve", counted)
+    monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
+    monkeypatch.setattr(working_set, "CAPACITY", 25)
+    for _ in range(20):
+        A, b, v_des = problem(rng, False)
+        asked.clear()
+        result = make("ssa").apply(rows_for(A, b), v_des)
+        assert len(asked) <= 3 * working_set.PASSES
+        assert all(size <= 25 for size in asked)
+        assert result.status in {FilterStatus.FILTERED, FilterStatus.RELAXED}

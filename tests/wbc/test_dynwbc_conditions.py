@@ -9,6 +9,7 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from wbc.contact import SoleContact, wrench_cone
 from wbc.dynwbc import DynWbc, DynWbcResult, DynWbcWeights
+from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED, make_solver
 
 COUNT = 6
@@ -150,3 +151,33 @@ def test_another_number_of_conditions_is_refused(name: str) -> None:
     for conditions in (None, (np.zeros((3, setting.kin.nv)), np.zeros(3))):
         with pytest.raises(ValueError, match="2 announced"):
             dynwbc.build(setting.kin, setting.acceleration, setting.wrench, setting.in_contact, conditions=conditions)
+
+
+@pytest.mark.parametrize(("steps", "rounds"), [(0, 300), (1, 300)])
+def test_a_spent_budget_costs_slack_and_never_the_limits(name: str, steps: int, rounds: int) -> None:
+    setting = Setting(name, 0)
+    _, free = setting.solve(None)
+    matrix = setting.rng.normal(size=(COUNT, setting.kin.nv))
+    matrix[1] = -matrix[0]
+    bound = matrix @ free.acceleration - 0.1
+    bound[0], bound[1] = 5.0, 5.0
+    _, least = setting.solve((matrix, bound))
+    dynwbc = DynWbc(setting.kin, setting.contacts, WEIGHTS, condition_count=COUNT)
+    dynwbc.reset(setting.previous)
+    arguments = setting.kin, setting.acceleration, setting.wrench, setting.in_contact
+    problem = dynwbc.build(*arguments, conditions=(matrix, bound))
+    qp = dynwbc._qps[problem.feet]
+    qp._least_slack = LeastSlack(qp.nx, COUNT, len(problem.rows) - COUNT, steps, rounds)
+    solution, relaxed = qp.solve(problem)
+    assert solution.status == "optimal" and relaxed
+    assert solution.spent
+    result = dynwbc.solve(problem)
+    effort = setting.kin.robot.joint_array("effort")
+    assert (np.abs(result.torque) <= effort + 1e-7).all()
+    cone = np.concatenate([wrench_cone(c) @ result.wrench[6 * i : 6 * i + 6] for i, c in enumerate(setting.contacts)])
+    assert cone.max() < 1e-7
+    short, fewest, start = (
+        np.linalg.norm(np.maximum(0.0, bound - matrix @ a))
+        for a in (result.acceleration, least.acceleration, free.acceleration)
+    )
+    assert fewest - 1e-4 <= short <= start + 1e-4

@@ -6,10 +6,10 @@ from robots.messages import Array, Indices
 from wbc.active_set import OPTIMAL
 from wbc.descent import Violated, descend
 
-STEPS = 32
+STEPS = 36
 """Budget: Newton steps of one search for the least slack."""
 
-DIRECT = 8
+DIRECT = 12
 """Steps after which a search that has not ended starts anew with the cost in the foreground,"""
 
 STAGES = (1e4, 1e2, 1.0)
@@ -65,13 +65,14 @@ class LeastSlack:
         for part in self._violated:
             part.fill(0)
         limits = rows, lower, upper
-        outcome, best, cost = self._descend(hessian, gradient, 1.0, soft, limits, start, min(DIRECT, self._steps))
+        outcome, best = self._descend((hessian, gradient), soft, limits, start, min(DIRECT, self._steps))
         if outcome == OPTIMAL:
             return outcome, best
-        best_short, x = self.short.copy(), best
+        best_short, x, cost = self.short.copy(), best, self._cost(hessian, gradient, soft[2], best)
         for stage in STAGES:
             left = self._steps - self.steps
-            outcome, x, reached = self._descend(hessian, gradient, stage, soft, limits, x, left)
+            outcome, x = self._descend((stage * hessian, stage * gradient), soft, limits, x, left)
+            reached = self._cost(hessian, gradient, soft[2], x)
             if reached < cost or (outcome == OPTIMAL and stage == 1.0):
                 best, best_short, cost = x, self.short.copy(), reached
             if outcome != OPTIMAL:
@@ -81,28 +82,20 @@ class LeastSlack:
 
     def _descend(
         self,
-        hessian: Array,
-        gradient: Array,
-        stage: float,
+        cost: tuple[Array, Array],
         soft: tuple[Array, Array, Array],
         limits: tuple[Array, Array, Array],
         start: Array,
         steps: int,
-    ) -> tuple[int, Array, float]:
-        """Outcome, x (n,) and cost, with ``stage`` times the cost of x itself on the way, without that in the end."""
-        x, budget = start.copy(), max(0, self._rounds - self.rounds)
-        outcome, made, rounds = descend(
-            (stage * hessian, stage * gradient),
-            soft,
-            limits,
-            self._guess,
-            (steps, budget),
-            self._violated,
-            x,
-            self.short,
-        )
+    ) -> tuple[int, Array]:
+        """Outcome and x (n,), new, after so many steps at most."""
+        x, budget = start.copy(), (steps, max(0, self._rounds - self.rounds))
+        outcome, made, rounds = descend(cost, soft, limits, self._guess, budget, self._violated, x, self.short)
         self.steps += made
         self.rounds += rounds
+        return outcome, x
+
+    def _cost(self, hessian: Array, gradient: Array, weights: Array, x: Array) -> float:
+        """What the point found last costs."""
         violation = np.maximum(self.short, 0.0)
-        cost = x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (soft[2] * violation) @ violation
-        return outcome, x, float(cost)
+        return float(x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (weights * violation) @ violation)

@@ -17,6 +17,9 @@ SLACK_PULL = 1e-6
 SLACK_ROUNDING = 1e-6
 """Room [m/s^2, rad/s^2] given to a condition on top of its least violation, so that rounding does not undo it."""
 
+RELAXED_ROUNDS = 450
+"""Budget of changes of the active set, among cones and torques, while the least violation is sought."""
+
 
 @dataclass(frozen=True, slots=True)
 class DynWbcProblem:
@@ -82,7 +85,7 @@ class TorqueQp:
         self._solver = make_solver(solver, nx, m)
         if condition_count:
             self._without, self._nearest = make_solver("daqp", nx, self._hard), make_solver("daqp", nx, m)
-            self._least_slack = LeastSlack(nx, condition_count, self._hard)
+            self._least_slack = LeastSlack(nx, condition_count, self._hard, rounds=RELAXED_ROUNDS)
             self._weights = np.ones(condition_count)
         self._compromise: Array | None = None
         self.rows = np.zeros((m, nx))

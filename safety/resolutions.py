@@ -108,7 +108,7 @@ class NearestQp:
         self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
         self._hard = WorkingSetQp(nv, n_rows)
         self._soft = Compromise(nv, n_rows)
-        self._relaxed = WorkingSetQp(nv, n_rows, SECOND_ROUNDS)
+        self._relaxed = WorkingSetQp(nv, n_rows, SECOND_ROUNDS, passes=0)
         self._conflict = False
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:

@@ -14,8 +14,8 @@ from wbc.qp import UNBOUNDED, DaqpSolver
 CAPACITY = 64
 """Rows that the second solver sees at most."""
 
-PASSES = 3
-"""Budget: problems that it is given, each with the rows added that the answer before violated."""
+PASSES, ITERATIONS = 2, 60
+"""Budget: problems that it is given, each with the rows added that the answer before violated, and its own in each."""
 
 BEYOND = 1e-9
 """A row violated by more than this [m/s, rad/s] has to be seen by it."""
@@ -74,8 +74,9 @@ class WorkingSetQp:
     ``CAPACITY`` rows at most.
     """
 
-    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS) -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``rounds``: budget of the search."""
+    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS, passes: int = PASSES) -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``rounds`` and ``passes``: budgets of the search and of DAQP."""
+        self._passes = passes
         self._nv = nv
         self._active = ActiveSet(nv, n_rows, budget=rounds)
         self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
@@ -111,7 +112,7 @@ class WorkingSetQp:
             self._second = _SecondSolver(self._nv)
         chosen, room = problem.violated & (b > -UNBOUNDED), np.empty(b.size)
         chosen[self._working()] = True
-        for _ in range(PASSES):
+        for _ in range(self._passes):
             working = np.flatnonzero(chosen)
             if working.size > CAPACITY:
                 break
@@ -127,7 +128,7 @@ class _SecondSolver:
     """DAQP with its buffers, for up to ``CAPACITY`` rows."""
 
     def __init__(self, nv: int) -> None:
-        self._qp, self._nv = DaqpSolver(nv, CAPACITY), nv
+        self._qp, self._nv = DaqpSolver(nv, CAPACITY, iterations=ITERATIONS), nv
         # a row that is not in use is a bounded variable, out of reach
         self._idle = np.eye(1, nv)
         self._rows = np.tile(self._idle, (CAPACITY, 1))

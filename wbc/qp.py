@@ -27,8 +27,8 @@ SINGULAR = 1e-13
 
 Its own 3.7e-11 takes rows for dependent that are not, and then proves infeasible what is not."""
 
-SETTINGS = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_limit": 300}
-"""Of daqp: 300 iterations on 350 rows take a millisecond; problems that it solves at all have taken half of that."""
+ITERATIONS = 300
+"""Budget of daqp; on 350 rows they take a millisecond, and problems that it solves at all have taken half of that."""
 
 PROXQP_BUDGET = 200
 """Of proxqp's outer iterations, and of the inner ones in each."""
@@ -119,14 +119,18 @@ class DaqpSolver:
     """DAQP behind :class:`QpSolver`, asked only where :class:`wbc.active_set.ActiveSet` proves neither answer.
 
     Both start from the active set of the last problem. What DAQP cannot solve from there is tried once more without it.
-    At most ``ROUNDS`` changes of the active set and twice ``iter_limit`` iterations are made; then it has failed.
+    At most ``ROUNDS`` changes of the active set and twice ``iterations`` of DAQP are made; then it has failed.
 
     Rows with a finite slack weight are its own soft constraints: no slack variables, as fast as hard rows. Their
     multipliers are weight times violation.
     """
 
-    def __init__(self, n: int, m: int, slack_weights: Array | None = None) -> None:
-        """Prepare for ``n`` variables and ``m`` rows, of which those with a finite weight may be violated."""
+    def __init__(self, n: int, m: int, slack_weights: Array | None = None, iterations: int = ITERATIONS) -> None:
+        """Prepare for ``n`` variables and ``m`` rows, of which those with a finite weight may be violated.
+
+        ``iterations``: budget of DAQP, each time that it tries.
+        """
+        self._settings = {"primal_tol": FEASIBILITY_TOLERANCE, "sing_tol": SINGULAR, "iter_limit": iterations}
         self.n = n
         self.m = m
         self._model: daqp.Model | None = None
@@ -207,7 +211,7 @@ class DaqpSolver:
         if self._model is not None:
             return int(self._model.update(H=hessian, f=gradient, A=rows, bupper=upper, blower=lower))
         self._model = daqp.Model()
-        self._model.settings = SETTINGS
+        self._model.settings = self._settings
         if self._softness is None:
             return int(self._model.setup(hessian, gradient, rows, upper, lower)[0])
         flag, _ = self._model.setup(hessian, gradient, rows, upper, lower, self._sense)

@@ -42,7 +42,7 @@ def budgets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
 
         def limited(self: object, *args: int, _make: object = make_it, _name: str = search.__name__, **_: int) -> None:
             if _name == "WorkingSetQp":
-                _make(self, *args[:2], rounds)  # type: ignore[operator]
+                _make(self, *args[:2], rounds, 2)  # type: ignore[operator]
             else:
                 _make(self, *args, steps=steps, rounds=1000)  # type: ignore[operator]
 
@@ -117,6 +117,7 @@ def test_where_rounding_leaves_no_proof_daqp_is_asked(
     expected = [make(name).apply(rows_for(A, b), v_des) for A, b, v_des in problems]
     monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
     same = 0
+    monkeypatch.setattr(working_set, "ITERATIONS", 300)
     for (A, b, v_des), right in zip(problems, expected, strict=True):
         result = make(name).apply(rows_for(A, b), v_des)
         if not result.spent:

@@ -80,7 +80,7 @@ class WorkingSetQp:
         self._nv = nv
         self._active = ActiveSet(nv, n_rows, budget=rounds)
         self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
-        self._second: _SecondSolver | None = None
+        self._second = _SecondSolver(nv)
 
     def solve(self, problem: Problem, b: Array, start: Indices | None = None) -> Optimum:
         """Solve one problem.
@@ -108,8 +108,6 @@ class WorkingSetQp:
         return np.sort(limits[limits >= self._nv]) - self._nv
 
     def _ask_again(self, problem: Problem, A: Array, b: Array) -> Optimum:
-        if self._second is None:
-            self._second = _SecondSolver(self._nv)
         chosen, room = problem.violated & (b > -UNBOUNDED), np.empty(b.size)
         chosen[self._working()] = True
         for _ in range(self._passes):

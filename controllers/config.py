@@ -55,7 +55,15 @@ class TaskTuning:
         posture: joint positions.
         max_linear: largest correction of a position task [m/s].
         max_angular: largest correction of an orientation or of the posture task [rad/s].
-        sigma_min: singular values below it count as zero.
+        hand_acceleration: fastest change of a hand's correction [m/s^2]: what becomes of a target that jumps.
+        singular: what is done with small singular values: ``damped``, the velocity is continuous (see
+            :mod:`wbc.damped_priorities`), or ``cut``, eq. (13) of Lee et al.
+        sigma_min: singular values below it count as zero where they are cut.
+        damped_foot: below which singular values of the feet are damped [m/rad; 1 for turning]; in stance they are above
+            0.12, with straight knees they fall to 0.
+        damped_com: the same of the CoM [1]; its height has 0.04 to 0.06 beside the feet.
+        damped_turn: the same of the orientations of base and torso [1].
+        damped_hand: the same of the hands [m/rad]; 0.08 is an elbow bent by some 20 degrees.
     """
 
     foot: float = 10.0
@@ -66,11 +74,19 @@ class TaskTuning:
     posture: float = 5.0
     max_linear: float = 0.5
     max_angular: float = 2.0
+    hand_acceleration: float = 10.0
+    singular: str = "damped"
     sigma_min: float = 0.03
+    damped_foot: float = 0.05
+    damped_com: float = 0.03
+    damped_turn: float = 0.1
+    damped_hand: float = 0.08
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            require_positive(f"task {name}", getattr(self, name))
+            if name != "singular":
+                require_positive(f"task {name}", getattr(self, name))
+        require_one_of("task singular", self.singular, ("damped", "cut"))
 
 
 def _family(alpha: float, epsilon: float) -> FamilyParameters:

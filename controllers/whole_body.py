@@ -24,7 +24,7 @@ from safety.rows import BarrierRows, HalfSpaces
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
 from wbc.torque_qp import DynWbcProblem
-from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
+from wbc.wrench import reference_wrenches
 
 STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
 """Stages of a tick, in order; ``dynamics`` is the assembly of DynWBC's problem, ``dynwbc`` its solution."""
@@ -101,6 +101,7 @@ class WholeBodyController:
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         count = self.barriers.size if self.acceleration_filter else 0
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
+        self._soles = np.array(self.dynwbc.frame_ids)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
         # as the weight of a foot on the ground goes with the square of its rows
         self._swing_share = math.sqrt(safety.swing_weight / safety.foot_weight) if safety.foot_weight > 0 else 0.0
@@ -119,6 +120,7 @@ class WholeBodyController:
     def reset(self, state: RobotState) -> None:
         """Start from a state at rest: the torques measured there are the first tau_prev."""
         self.kin.update(state.q, state.v)
+        self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
@@ -227,7 +229,7 @@ class WholeBodyController:
         if self.acceleration_filter is not None:
             return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
         feet = self._stance_jacobian(levels[0][0], in_contact)
-        balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
+        balance = self.kinwbc.rows(1, 4)
         hands = levels[4][0] if self._tasks.with_hands else None
         return self.filter.apply(rows, v_des, feet, balance, hands)
 
@@ -252,10 +254,14 @@ class WholeBodyController:
         robot back into what the filter has just steered it out of.
         """
         kin = self.kin
-        acceleration = kin.com_jacobian @ command
-        soles = [kin.frame_placement(i) for i in self.dynwbc.frame_ids]
-        centres = np.array([p[:2] for _, p in soles])
-        height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
-        zmp = kin.com[:2] - acceleration[:2] * (height / (GRAVITY + acceleration[2]))
-        load = load_from_zmp(zmp, centres, reference.in_contact, reference.load_limits)
-        return distribute_wrench(load_scale * self._mass, kin.com, acceleration, soles, load, self._half_sizes)
+        return reference_wrenches(
+            load_scale * self._mass,
+            kin.com,
+            kin.com_jacobian,
+            command,
+            kin.frame_transforms,
+            self._soles,
+            reference.in_contact,
+            reference.load_limits,
+            self._half_sizes,
+        )

@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
 from controllers.task_stack import TaskStack
 from controllers.torque_modes import gravity_torque
-from controllers.warm_up import situations
+from controllers.warm_up import AWAY, situations
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -125,14 +125,20 @@ class WholeBodyController:
     def warm_up(self) -> None:
         """Have everything ready that the first tick would wait for: kernels compiled or loaded, libraries started.
 
-        A twin, made of the same arguments, ticks through the situations of :mod:`controllers.warm_up` and is thrown
-        away, so this controller stays as it is, at any time, and what it answers does not change by a bit. A tick right
-        after it takes at most twice as long as the median. Takes some 0.2 s; on a machine without the kernels' cache as
-        long as compiling them, some 20 s.
+        A twin made of the same arguments ticks through the situations of :mod:`controllers.warm_up` and is thrown away.
+        So this controller stays as it is, whenever this is called, and its answers do not change by a bit. A tick right
+        after it takes at most about twice as long as the median. Takes some 0.2 s; without the kernels' cache as long as
+        compiling them, some 20 s.
         """
         twin = self._make_twin()
         for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, twin.obstacle_kinds):
             twin.tick(state, reference, obstacles)
+        # the filter makes its parameters for the rows' families when it first sees them: with nothing near, it does
+        # nothing else that lasts
+        rows = twin.barriers.evaluate(twin.kin)
+        still, n = np.zeros_like(rows.jac), rows.h.size
+        nothing_near = replace(rows, h=np.full(n, AWAY), jac=still, drift=np.zeros(n))
+        self.filter.apply(nothing_near, np.zeros(self.kin.nv))
 
     def reset(self, state: RobotState) -> None:
         """Start from a state at rest: the torques measured there are the first tau_prev."""

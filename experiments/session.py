@@ -161,8 +161,10 @@ def _make_loop(
     q0 = standing_configuration(robot, scenario.posture)
     plant.reset(q0)
     kinds = () if scenario.encounter is None else ("sphere",)
-    supervisor = Supervisor(WholeBodyController(robot, control, hands, obstacle_kinds=kinds))
-    cast = _cast(scenario, supervisor.controller, plant.true_state())
+    controller = WholeBodyController(robot, control, hands, obstacle_kinds=kinds)
+    controller.warm_up()
+    supervisor = Supervisor(controller)
+    cast = _cast(scenario, controller, plant.true_state())
     encounter = None
     if scenario.encounter is not None:
         encounter = scenario.encounter(robot, cast.reference, np.random.default_rng([options.seed, 1]))

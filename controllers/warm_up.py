@@ -44,7 +44,7 @@ def situations(kin: Kinematics, with_hands: bool, kinds: Sequence[str]) -> Itera
         State, reference, obstacles.
     """
     standing = standing_configuration(kin.robot)
-    lower, upper = kin.position_limits
+    upper = kin.position_limits[1]
     straight, limits, beyond = standing.copy(), standing.copy(), standing.copy()
     straight[7:], limits[7:], beyond[7:] = 0.0, upper, upper + BEYOND
     far = obstacles_at(np.full(3, AWAY), kinds)
@@ -98,7 +98,9 @@ def _here(kin: Kinematics, q: Array, with_hands: bool, in_contact: tuple[bool, b
 def _stepping(kin: Kinematics, q: Array, with_hands: bool, in_contact: tuple[bool, bool]) -> WholeBodyReference:
     """A reference that uses all a gait may use."""
     reference = _here(kin, q, with_hands, in_contact)
-    reference.dcm = DcmReference(reference.com.position[:2].copy(), np.full(2, 0.1), float(np.sqrt(GRAVITY / kin.com[2])))
+    reference.dcm = DcmReference(
+        reference.com.position[:2].copy(), np.full(2, 0.1), float(np.sqrt(GRAVITY / kin.com[2]))
+    )
     reference.load_limits[:] = 0.7, 0.4
     reference.sole_turns[:] = 0.1
     reference.turn_rate = 0.1

@@ -77,8 +77,9 @@ class WholeBodyController:
     ) -> None:
         self.robot = robot
         self.config = config
+        self._kinds = tuple(obstacle_kinds)
         self._make_twin = partial(
-            WholeBodyController, robot, config, with_hands, tuple(obstacle_kinds), extra_barriers=extra_barriers
+            WholeBodyController, robot, config, with_hands, self._kinds, extra_barriers=extra_barriers
         )
         self.kin = Kinematics(robot)
         self._clock = clock
@@ -87,7 +88,7 @@ class WholeBodyController:
         self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
         extra = () if extra_barriers is None else extra_barriers(self.kin)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
-        self.obstacle_kinds = tuple(obstacle_kinds)
+        self.obstacle_count = len(obstacle_kinds)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
@@ -126,12 +127,11 @@ class WholeBodyController:
         """Have everything ready that the first tick would wait for: kernels compiled or loaded, libraries started.
 
         A twin made of the same arguments ticks through the situations of :mod:`controllers.warm_up` and is thrown away.
-        So this controller stays as it is, whenever this is called, and its answers do not change by a bit. A tick right
-        after it takes at most about twice as long as the median. Takes some 0.2 s; without the kernels' cache as long as
-        compiling them, some 20 s.
+        So this controller stays as it is, whenever this is called, and its answers do not change by a bit; only
+        ``extra_barriers`` is called once more. Takes some 0.2 s, where the kernels have to be compiled some 20 s.
         """
         twin = self._make_twin()
-        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, twin.obstacle_kinds):
+        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, self._kinds):
             twin.tick(state, reference, obstacles)
         # the filter makes its parameters for the rows' families when it first sees them: with nothing near, it does
         # nothing else that lasts

@@ -38,7 +38,12 @@ WARM_UP = 100
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
     of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
+    unused = {
+        "tick": ("filters",),
+        "filters": of_tick,
+        "peers": (*of_tick, "filters"),
+        "tracking": (*of_tick, "filters", "ticks"),
+    }[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
@@ -48,6 +53,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.filter_bench import bench_filters
 
         return bench_filters(options)
+    if options.what == "peers":
+        from experiments.bench_peers import bench_peers
+
+        return bench_peers(options)
     if options.what == "tracking":
         from experiments.tracking import tracking
 
@@ -85,9 +94,9 @@ def bench_tick(options: BenchOptions) -> int:
 
 def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:
     """Stage times (ticks, len(STAGES)) [s] of the hand-tracking run at +20 % mass, replayed without the plant."""
-    controller, reference, motion = _set_up(robot, options)
-    states = _record(controller, reference, motion, ticks + WARM_UP)
-    controller, reference, motion = _set_up(robot, options)
+    controller, reference, motion = prepared(robot, options)
+    states = recorded(controller, reference, motion, ticks + WARM_UP)
+    controller, reference, motion = prepared(robot, options)
     out = np.zeros((len(states), len(STAGES)))
     gc.collect()
     for i, state in enumerate(states):
@@ -96,9 +105,10 @@ def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array
     return out[WARM_UP:]
 
 
-def _set_up(
+def prepared(
     robot: RobotDescription, options: BenchOptions
 ) -> tuple[WholeBodyController, WholeBodyReference, HandCircles]:
+    """A controller, and what the hands are to do with it: circles through the torso."""
     config = controller_config(robot, filter=options.filter, dynwbc_solver=options.solver)
     controller = WholeBodyController(robot, config, with_hands=True)
     kin = controller.kin
@@ -110,9 +120,10 @@ def _set_up(
     return controller, reference, motion
 
 
-def _record(
+def recorded(
     controller: WholeBodyController, reference: WholeBodyReference, motion: HandCircles, ticks: int
 ) -> list[RobotState]:
+    """The states of a run at +20 % mass, of as many ticks."""
     plant_settings = PlantConfig(changes=PhysicalChanges(mass_scale=1.2))
     plant = MujocoPlant(controller.robot, plant_settings, np.random.default_rng(0))
     plant.reset(standing_configuration(controller.robot, start_posture(controller.robot)))

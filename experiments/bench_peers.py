@@ -5,7 +5,7 @@ import json
 import os
 import platform
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
@@ -45,7 +45,10 @@ NOT_SAME = (
     "Not the same problem. safewbc: strict priorities, then the ISSf filter with {rows} rows (capsule ends and "
     "workspace among them), and the dynamics reckoned on the way. {works}."
 )
-DIFFERENCE = "Difference: of the joint velocities from our filtered ones, RMS over joints, median over states [rad/s]."
+COLUMNS = (
+    "ratio: of the medians, to our filtered IK. differs: joint velocities from our filtered ones, RMS over joints, "
+    "median over states [rad/s]. no answer: states for which the library has none."
+)
 """Below the table."""
 
 
@@ -123,7 +126,7 @@ def measure(
                     line.seconds.append(seconds)
         for line, solver in zip(lines[2:], solvers, strict=True):
             if solver is not None:
-                _measure_block(line, solver, block, expected, lambda t: motion.apply(reference, t), reference)
+                _measure_block(line, solver, block, expected, motion, reference)
     return lines
 
 
@@ -132,13 +135,13 @@ def _measure_block(
     solver: Solver,
     states: Sequence[RobotState],
     expected: Sequence[Array],
-    move: Callable[[float], None],
+    motion: HandCircles,
     reference: WholeBodyReference,
 ) -> None:
     """Time a peer on a few states and compare with our velocities (nj,) there; the first ``WARM_UP`` do not count."""
     gc.collect()
     for i, (state, ours) in enumerate(zip(states, expected, strict=True)):
-        move(state.stamp)
+        motion.apply(reference, state.stamp)
         start = time.perf_counter()
         velocity = solver.velocity(state, reference)
         seconds = time.perf_counter() - start
@@ -180,7 +183,7 @@ def _quantiles(seconds: Sequence[float]) -> tuple[float, float]:
 def table(lines: Sequence[Line], title: str) -> Table:
     """The figures for the terminal; a dash where there is none."""
     out = Table("", "version", title=title)
-    for column in ("median", "10 %", "median / ours", "difference", "no answer"):
+    for column in ("median", "10 %", "ratio", "differs", "no answer"):
         out.add_column(column, justify="right")
     for name, row in figures(lines).items():
         if row["version"] is None:
@@ -196,8 +199,9 @@ def table(lines: Sequence[Line], title: str) -> Table:
 def notes(lines: Sequence[Line], pairs: int, rows: int, peers: Sequence[Peer] = PEERS) -> list[str]:
     """What the table's figures are of, in how far the problems are alike, and how to install what is missing."""
     works = "; ".join(f"{p.name}: {p.work}" for p in peers)
-    missing = [line.name for line in lines if line.version is None]
-    out = [SAME.format(pairs=pairs), NOT_SAME.format(rows=rows, works=works), DIFFERENCE]
+    absent = {line.name for line in lines if line.version is None}
+    missing = dict.fromkeys(p.distribution for p in peers if p.name in absent)
+    out = [SAME.format(pairs=pairs), NOT_SAME.format(rows=rows, works=works), COLUMNS]
     if missing:
         out.append(f'not installed: {", ".join(missing)}; pip install -e ".[bench]" installs what is missing')
     return out

@@ -2,10 +2,12 @@
 
 import sys
 import time
+from contextlib import AbstractContextManager, nullcontext, suppress
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 from pkgutil import iter_modules
+from typing import Any
 
 from numba.core.registry import CPUDispatcher
 from rich.console import Console
@@ -49,9 +51,7 @@ def warm_up(console: Console, robot: RobotDescription) -> None:
 def fill_caches() -> Preparation:
     """Have every kernel of every filter, obstacle and robot that comes with the project in numba's cache."""
     start = time.perf_counter()
-    for package in PACKAGES:
-        for module in iter_modules(import_module(package).__path__, f"{package}."):
-            import_module(module.name)
+    _import_all()
     for name in BUILT_IN:
         robot = load_robot(name)
         for safety_filter in FILTERS:
@@ -66,6 +66,19 @@ def fill_caches() -> Preparation:
         folders=tuple(sorted({Path(s.cache_path) for s in stats if s.cache_path})),
         seconds=time.perf_counter() - start,
     )
+
+
+def _import_all() -> None:
+    """Import every module of the packages; where MuJoCo does not load, which has a check of its own, those without it."""
+    try:
+        import_module("mujoco")
+        errors: AbstractContextManager[Any] = nullcontext()
+    except Exception:  # what is raised depends on the OpenGL binding that the environment asks for
+        errors = suppress(Exception)
+    for package in PACKAGES:
+        for module in iter_modules(import_module(package).__path__, f"{package}."):
+            with errors:
+                import_module(module.name)
 
 
 def kernels() -> list[CPUDispatcher]:

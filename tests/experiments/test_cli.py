@@ -15,7 +15,7 @@ import pytest
 
 import experiments.options as options_module
 from controllers.whole_body import STAGES
-from experiments import cli, console, table
+from experiments import cli, console, table, warmup
 from experiments.options import OutputOptions, PlantOptions, RunOptions, StandOptions
 from experiments.results import load_result
 from robots.loader import load_robot
@@ -439,6 +439,29 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     for name in ("imports", "mujoco", "robots", "solvers", "kernels", "results"):
         assert f"ok   {name}" in outcome.out
     assert safewbc.files() == []
+
+
+def test_doctor_fills_the_kernel_cache_and_says_where(tmp_path: Path) -> None:
+    """Into an empty folder nothing but this process writes to: compiled the first time, found there the second."""
+    said = [in_a_process(tmp_path, "doctor", NUMBA_CACHE_DIR=str(tmp_path / "cache")).out for _ in range(2)]
+    lines = [next(line for line in text.splitlines() if "kernels" in line) for text in said]
+    assert "compiled now" in lines[0]
+    assert "all from the cache" in lines[1]
+    assert all(f"kept in {tmp_path / 'cache'}" in line for line in lines)
+    assert list((tmp_path / "cache").rglob("*.nbi"))
+
+
+def test_doctor_tells_what_to_set_where_kernels_cannot_be_kept(
+    safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nowhere() -> None:
+        raise RuntimeError("cannot cache function 'f': no locator available for file 'f.py'")
+
+    monkeypatch.setattr(warmup, "fill_caches", nowhere)
+    outcome = safewbc("doctor")
+    assert outcome.code == 1
+    assert "NUMBA_CACHE_DIR" in outcome.out
+    assert "a folder that can be written" in outcome.out
 
 
 def test_every_run_of_the_table_has_a_folder_that_tells_what_it_is() -> None:

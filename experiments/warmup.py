@@ -69,7 +69,7 @@ def fill_caches() -> Preparation:
 
 
 def _import_all() -> None:
-    """Import every module of the packages; where MuJoCo does not load, which has a check of its own, those without it."""
+    """Import every module of the packages; where MuJoCo does not load (a check of its own), those without it."""
     try:
         import_module("mujoco")
         errors: AbstractContextManager[Any] = nullcontext()

@@ -40,6 +40,7 @@ def bench(options: BenchOptions) -> int:
     of_tick = ("robots", "filter", "solver")
     unused = {
         "tick": ("filters",),
+        "first": ("filters", "solver", "ticks"),
         "filters": of_tick,
         "peers": (*of_tick, "filters"),
         "tracking": (*of_tick, "filters", "ticks"),
@@ -53,6 +54,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.filter_bench import bench_filters
 
         return bench_filters(options)
+    if options.what == "first":
+        from experiments.bench_first import bench_first
+
+        return bench_first(options)
     if options.what == "peers":
         from experiments.bench_peers import bench_peers
 

@@ -441,14 +441,29 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     assert safewbc.files() == []
 
 
-def test_doctor_fills_the_kernel_cache_and_says_where(tmp_path: Path) -> None:
-    """Into an empty folder nothing but this process writes to: compiled the first time, found there the second."""
-    said = [in_a_process(tmp_path, "doctor", NUMBA_CACHE_DIR=str(tmp_path / "cache")).out for _ in range(2)]
-    lines = [next(line for line in text.splitlines() if "kernels" in line) for text in said]
-    assert "compiled now" in lines[0]
-    assert "all from the cache" in lines[1]
-    assert all(f"kept in {tmp_path / 'cache'}" in line for line in lines)
-    assert list((tmp_path / "cache").rglob("*.nbi"))
+def test_filled_caches_hold_every_kernel_that_a_controller_needs() -> None:
+    """In folders that hold an index for each kernel that was compiled or loaded here."""
+    done = warmup.fill_caches()
+    ready = [k for k in warmup.kernels() if k.overloads]
+    assert done.kernels == len(warmup.kernels()) >= len(ready) > 0
+    assert done.compiled + done.loaded >= len(ready)
+    kept = {path.name.split("-")[0] for folder in done.folders for path in folder.rglob("*.nbi")}
+    assert {f"{Path(k.py_func.__code__.co_filename).stem}.{k.py_func.__qualname__}" for k in ready} <= kept
+
+
+@pytest.mark.parametrize(
+    ("compiled", "told"), [(0, "44, all from the cache, ready after 1.5 s"), (7, "7 compiled now")]
+)
+def test_doctor_says_what_was_compiled_and_where_it_is_kept(
+    safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch, compiled: int, told: str
+) -> None:
+    places = (Path("/one/place"), Path("/another"))
+    monkeypatch.setattr(warmup, "fill_caches", lambda: warmup.Preparation(44, compiled, 44 - compiled, places, 1.5))
+    outcome = safewbc("doctor")
+    assert outcome.code == 0, outcome.out
+    (line,) = [line for line in outcome.out.splitlines() if line.startswith("ok   kernels")]
+    assert told in line
+    assert line.endswith("; kept in /one/place, /another")
 
 
 def test_doctor_tells_what_to_set_where_kernels_cannot_be_kept(

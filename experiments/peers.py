@@ -10,6 +10,7 @@ mink and pink put weights on the same tasks and solve one quadratic program with
 """
 
 import logging
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -95,9 +96,9 @@ class OurIk:
 
     def velocity(self, state: RobotState, reference: WholeBodyReference) -> Array:
         """Joint velocities (nj,) [rad/s]."""
+        start = time.perf_counter()
         result = self._controller.tick(state, reference)
-        times = result.stage_seconds
-        self.seconds = (float(times[: self._stages].sum()), float(times.sum()))
+        self.seconds = (float(result.stage_seconds[: self._stages].sum()), time.perf_counter() - start)
         return result.safety.v[6:]
 
 
@@ -136,7 +137,8 @@ class MinkIk:
             # its bound on a displacement is gain h / dt
             mink.CollisionAvoidanceLimit(model, pairs, alpha * self._dt**2, 0.0, detection),
         ]
-        self.pairs = self._limits[-1].max_num_contacts
+        # it drops pairs of neighbours without a word
+        assert self._limits[-1].max_num_contacts == len(pairs)
 
     def velocity(self, state: RobotState, reference: WholeBodyReference) -> Array | None:
         """See :meth:`Solver.velocity`."""
@@ -179,10 +181,10 @@ class PinkIk:
         ]
         self._com = tasks.ComTask(COSTS["com"], gain=gains["com"] * self._dt)
         self._posture = tasks.PostureTask(COSTS["posture"], gain=gains["posture"] * self._dt)
-        self.pairs = len(geometry.collisionPairs)
+        pairs = len(geometry.collisionPairs)
         self._barriers = [
             barriers.SelfCollisionBarrier(
-                self.pairs, gain=config.safety.self_collision.alpha, safe_displacement_gain=0.0, d_min=0.0
+                pairs, gain=config.safety.self_collision.alpha, safe_displacement_gain=0.0, d_min=0.0
             )
         ]
 

@@ -125,7 +125,9 @@ def doctor() -> int:
     failed = False
     for name, check, needed in CHECKS:
         try:
-            console.print(f"[green]ok[/]   {name:<10} {check()}")
+            with console.status(f"checking {name}"):
+                said = check()
+            console.print(f"[green]ok[/]   {name:<10} {said}")
         except Exception as error:
             failed |= needed
             mark = "[red]FAIL[/]" if needed else "[yellow]warn[/]"

@@ -136,6 +136,7 @@ def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], Non
         start = plant.true_state()
         shadow = scenario.extra(controller, _cast(scenario, controller, start), start.q, options.duration)
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
+    loop.supervisor.controller.warm_up()
     outcome = loop.run(options.duration)
     series = loop.series() | {"support_polygon": polygon}
     steps, ticks = len(series["step_time"]), len(series["time"])
@@ -161,10 +162,8 @@ def _make_loop(
     q0 = standing_configuration(robot, scenario.posture)
     plant.reset(q0)
     kinds = () if scenario.encounter is None else ("sphere",)
-    controller = WholeBodyController(robot, control, hands, obstacle_kinds=kinds)
-    controller.warm_up()
-    supervisor = Supervisor(controller)
-    cast = _cast(scenario, controller, plant.true_state())
+    supervisor = Supervisor(WholeBodyController(robot, control, hands, obstacle_kinds=kinds))
+    cast = _cast(scenario, supervisor.controller, plant.true_state())
     encounter = None
     if scenario.encounter is not None:
         encounter = scenario.encounter(robot, cast.reference, np.random.default_rng([options.seed, 1]))

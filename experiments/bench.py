@@ -38,7 +38,7 @@ WARM_UP = 100
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
     of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
+    unused = {"tick": ("filters",), "worst": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
@@ -48,6 +48,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.filter_bench import bench_filters
 
         return bench_filters(options)
+    if options.what == "worst":
+        from experiments.bench_worst import bench_worst
+
+        return bench_worst(options)
     if options.what == "tracking":
         from experiments.tracking import tracking
 

@@ -18,7 +18,7 @@ from controllers.config import controller_config
 from controllers.motions import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.supervisor import Supervisor
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body import STAGES, TickResult, WholeBodyController
 from experiments.console import make_console
 from experiments.hand_tracking import start_posture
 from experiments.options import BenchOptions
@@ -90,6 +90,7 @@ class Figures:
         collections: of Python's collector that began within a tick.
         heap_blocks: blocks of memory more in use at the end than at the beginning.
         rss_mb: growth of the largest resident memory [MB].
+        stages_ms: 99.9th percentile of each stage, and of what the supervisor adds, by processor time [ms].
     """
 
     sequence: str
@@ -111,6 +112,7 @@ class Figures:
     collections: int
     heap_blocks: int
     rss_mb: float
+    stages_ms: dict[str, float]
 
 
 class Collections:
@@ -166,7 +168,7 @@ class Course:
 
         announced = () if scene.nearest else scene.kinds
         extra = own_barrier if scene.nearest else None
-        self.controller = WholeBodyController(robot, config, True, announced, extra_barriers=extra)
+        self.controller = WholeBodyController(robot, config, True, announced, thread_time, extra)
         self.reference: WholeBodyReference = reference_here(kin, with_hands=True)
         assert self.reference.hands is not None
         left, right = self.reference.hands
@@ -227,15 +229,14 @@ def undisturbed(robot: RobotDescription, options: BenchOptions) -> tuple[Start, 
 def play(course: Course, ticks: int) -> Figures:
     """Run ``WARM_UP`` and then ``ticks`` ticks; the figures of those."""
     # written once, so that their memory is there before that of the ticks is looked at
-    wall, cpu = np.full(ticks, np.nan), np.full(ticks, np.nan)
+    wall, cpu, stages = (np.full(shape, np.nan) for shape in (ticks, ticks, (ticks, len(STAGES))))
     statuses, unsolved, stops = np.zeros(len(FilterStatus), dtype=int), 0, 0
     order = list(FilterStatus)
-    gc.collect()
-    blocks, memory = sys.getallocatedblocks(), resident_mb()
+    blocks, memory = heap_blocks(), resident_mb()
     with Collections() as collections:
         for i in range(-WARM_UP, ticks):
             if i == 0:
-                blocks, memory, stops, unsolved = sys.getallocatedblocks(), resident_mb(), 0, 0
+                blocks, memory, stops, unsolved = heap_blocks(), resident_mb(), 0, 0
                 collections.count = 0
                 statuses[:] = 0
             if i % EPISODE == 0 and i > 0:
@@ -249,19 +250,35 @@ def play(course: Course, ticks: int) -> Figures:
             if i >= 0:
                 wall[i], cpu[i] = took, used
             if result is not None:
+                stages[i] = result.stage_seconds
                 statuses[order.index(result.safety.status)] += 1
                 unsolved += result.dynwbc.status != "optimal"
                 course.follow(result)
             if course.supervisor.blind:
                 stops += 1
                 course.restart()
-        blocks, memory = sys.getallocatedblocks() - blocks, resident_mb() - memory
+        blocks, memory = heap_blocks() - blocks, resident_mb() - memory
     said = dict(zip((s.name.lower() for s in order), (int(n) for n in statuses), strict=True))
-    times = _times(wall, cpu)
     rows = course.controller.barriers.size
     return Figures(
-        course.adversary.scene.name, rows, ticks, *times, said, unsolved, stops, collections.count, blocks, memory
+        course.adversary.scene.name,
+        rows,
+        ticks,
+        *_times(wall, cpu),
+        said,
+        unsolved,
+        stops,
+        collections.count,
+        blocks,
+        memory,
+        _stages(cpu, stages),
     )
+
+
+def _stages(cpu: Array, stages: Array) -> dict[str, float]:
+    """``stages_ms`` of :class:`Figures`; ticks of a robot that was stopped have none."""
+    columns = dict(zip(STAGES, stages.T, strict=True)) | {"supervisor": cpu - stages.sum(axis=1)}
+    return {name: 1e3 * float(np.nanpercentile(column, 99.9)) for name, column in columns.items()}
 
 
 def _times(wall: Array, cpu: Array) -> tuple[Any, ...]:
@@ -282,6 +299,13 @@ def longest_run(late: Array) -> int:
         run = run + 1 if is_late else 0
         longest = max(longest, run)
     return longest
+
+
+def heap_blocks() -> int:
+    """Blocks of memory in use by Python's objects, without what it keeps for reuse."""
+    # a full collection also empties the lists of free tuples and the like, which fill up to a bound first
+    gc.collect()
+    return sys.getallocatedblocks()
 
 
 def resident_mb() -> float:

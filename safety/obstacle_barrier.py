@@ -129,7 +129,8 @@ class ObstacleBarrier(ContactBarrier):
         """
         if len(obstacles) != self.count:
             raise ValueError(f"{len(obstacles)} obstacles given, {self.count} announced")
-        if (given := tuple(map(KIND_OF, obstacles))) != self.kinds:
+        # by way of a list: a tuple made straight from an iterator counts towards the next collection of garbage
+        if (given := tuple(list(map(KIND_OF, obstacles)))) != self.kinds:
             i = next(i for i, kind in enumerate(given) if kind != self.kinds[i])
             raise ValueError(f"obstacle {i} is a {given[i]}, announced was a {self.kinds[i]}")
         if not obstacles:

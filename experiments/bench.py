@@ -38,7 +38,13 @@ WARM_UP = 100
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
     of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "worst": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
+    unused = {
+        "tick": ("filters",),
+        "rows": ("filters",),
+        "worst": ("filters",),
+        "filters": of_tick,
+        "tracking": (*of_tick, "filters", "ticks"),
+    }[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
@@ -48,6 +54,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.filter_bench import bench_filters
 
         return bench_filters(options)
+    if options.what == "rows":
+        from experiments.bench_rows import bench_rows
+
+        return bench_rows(options)
     if options.what == "worst":
         from experiments.bench_worst import bench_worst
 

@@ -212,26 +212,28 @@ class DemoOptions:
 class BenchOptions:
     """Measure, and print the figures.
 
-    tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
-    same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
-    conditions can be met and where they cannot. worst: whole ticks of each robot among obstacles that jump, spin, race
-    and press, and with targets out of reach: which are late. tracking: how well moving obstacles are tracked, and what
-    the estimated velocity is worth to the filter.
+    tick: one control tick, stage by stage, over a recorded run of each robot. rows: what a tick costs against the
+    number of barrier rows and of joints. worst: whole ticks of each robot among obstacles that jump, spin, race and
+    press, and with targets out of reach: which are late. filters: every safety filter over the same recorded states of
+    the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the conditions can be met
+    and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated velocity is worth to
+    the filter.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "filters", "worst", "tracking"]]
+    what: tyro.conf.Positional[Literal["tick", "rows", "worst", "filters", "tracking"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Only with tick and worst: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
+    """Only with tick, rows and worst: robots to measure: g1, tocabi, or paths of .toml descriptions with
+    [tuning.hand_tracking]."""
     ticks: int | None = None
-    """Ticks to measure, at least 100 of tick (5000 if not given) and of worst (100000, all sequences together), 10 of
-    filters (300 of each size if not given) [-]."""
+    """Ticks to measure, at least 100 of tick (5000 if not given), rows (3000 of each size) and worst (100000, of all
+    sequences together), 10 of filters (300 of each size if not given) [-]."""
     filter: str = "issf"
-    """Only with tick and worst: safety filter, as for the runs."""
+    """Only with tick, rows and worst: safety filter, as for the runs."""
     filters: tuple[str, ...] | None = None
     """Only with filters: which ones; all if not given."""
     solver: str = "daqp"
-    """Only with tick and worst: QP solver of DynWBC: daqp or proxqp."""
+    """Only with tick, rows and worst: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
     """Write the figures as JSON to this file too; of tracking also a plot, as PNG beside it."""
 

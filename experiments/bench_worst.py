@@ -38,6 +38,9 @@ EPISODE = 250
 LATE = 2e-3
 """A tick that takes longer is late [s]: the period at 500 Hz."""
 
+WIDTH = 120
+"""Characters that the tables need; a narrower terminal breaks their lines."""
+
 STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.UNSAFE)
 """What a tick's filter may say, as counted."""
 
@@ -144,8 +147,15 @@ class Log:
     def stages_ms(self) -> dict[str, tuple[float, float]]:
         """See :attr:`Figures.stages_ms`; ticks of a robot that was stopped have none."""
         columns = dict(zip(STAGES, self.stages.T, strict=True)) | {"supervisor": self.cpu - self.stages.sum(axis=1)}
-        found = {name: np.nanpercentile(1e3 * column, [50, 99.9]) for name, column in columns.items()}
-        return {name: (float(median), float(high)) for name, (median, high) in found.items()}
+        return {name: _median_and_high(1e3 * column[np.isfinite(column)]) for name, column in columns.items()}
+
+
+def _median_and_high(values: Array) -> tuple[float, float]:
+    """Median and 99.9th percentile; not numbers where there are no values."""
+    if not values.size:
+        return float("nan"), float("nan")
+    median, high = np.percentile(values, [50, 99.9])
+    return float(median), float(high)
 
 
 def play(course: Course, ticks: int) -> Figures:
@@ -218,6 +228,7 @@ def bench_worst(options: BenchOptions) -> int:
     require_between("ticks", ticks, 100, 100_000_000)
     robots = checked_robots(options)
     console = make_console()
+    console.width = max(console.width, WIDTH)
     found: dict[str, list[Figures]] = {}
     for robot in robots:
         with console.status(f"{robot.title}: an undisturbed run") as status:

@@ -1,7 +1,6 @@
 """The barrier between the robot's collision bodies and obstacles."""
 
 from collections.abc import Sequence
-from operator import attrgetter
 
 import numpy as np
 
@@ -19,9 +18,6 @@ from safety.obstacles import KINDS, PACKED_SIZE, Obstacle
 
 EDGES = (5, 6, 7, 8)
 """Contacts of a segment with the four edges of the box's face that it is over."""
-
-KIND_OF, NUMBERS_OF = attrgetter("kind"), attrgetter("packed")
-"""Of an obstacle."""
 
 LABELS = ENDS | {START_A: "start", END_A: "end"} | {e: f"edge {e - EDGES[0]}" for e in EDGES}
 """What the rows of a pair beside its distance are called."""
@@ -130,13 +126,13 @@ class ObstacleBarrier(ContactBarrier):
         if len(obstacles) != self.count:
             raise ValueError(f"{len(obstacles)} obstacles given, {self.count} announced")
         # by way of a list: a tuple made straight from an iterator counts towards the next collection of garbage
-        if (given := tuple(list(map(KIND_OF, obstacles)))) != self.kinds:
+        if (given := tuple([o.kind for o in obstacles])) != self.kinds:
             i = next(i for i, kind in enumerate(given) if kind != self.kinds[i])
             raise ValueError(f"obstacle {i} is a {given[i]}, announced was a {self.kinds[i]}")
         if not obstacles:
             return
         # their bytes one after the other: a fraction of the time of joining arrays
-        packed = np.frombuffer(b"".join(map(NUMBERS_OF, obstacles))).reshape(-1, PACKED_SIZE)
+        packed = np.frombuffer(b"".join([o.packed for o in obstacles])).reshape(-1, PACKED_SIZE)
         self._position[:], self._direction[:] = packed[:, :3], packed[:, 3:6]
         self._rotation.reshape(-1, 9)[:] = packed[:, 6:15]
         self._half_sizes[:] = packed[:, 15:18]

@@ -1,6 +1,7 @@
 """The barrier between the robot's collision bodies and obstacles."""
 
 from collections.abc import Sequence
+from operator import attrgetter
 
 import numpy as np
 
@@ -18,6 +19,9 @@ from safety.obstacles import KINDS, PACKED_SIZE, Obstacle
 
 EDGES = (5, 6, 7, 8)
 """Contacts of a segment with the four edges of the box's face that it is over."""
+
+NUMBERS_OF = attrgetter("packed")
+"""Of an obstacle."""
 
 LABELS = ENDS | {START_A: "start", END_A: "end"} | {e: f"edge {e - EDGES[0]}" for e in EDGES}
 """What the rows of a pair beside its distance are called."""
@@ -132,7 +136,7 @@ class ObstacleBarrier(ContactBarrier):
         if not obstacles:
             return
         # their bytes one after the other: a fraction of the time of joining arrays
-        packed = np.frombuffer(b"".join([o.packed for o in obstacles])).reshape(-1, PACKED_SIZE)
+        packed = np.frombuffer(b"".join(map(NUMBERS_OF, obstacles))).reshape(-1, PACKED_SIZE)
         self._position[:], self._direction[:] = packed[:, :3], packed[:, 3:6]
         self._rotation.reshape(-1, 9)[:] = packed[:, 6:15]
         self._half_sizes[:] = packed[:, 15:18]

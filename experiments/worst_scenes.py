@@ -12,7 +12,8 @@ TARGET_TICKS = 100
 """Targets that jump do so after as many ticks."""
 
 TARGET_JUMP = 1.0
-"""How far a hand's target jumps along each axis at most [m]; the CoM's half as far."""
+"""How far a hand's target is put from its path along each axis at most [m], the CoM's half as far; a jump may be twice
+that."""
 
 SPHERE_RADIUS, CAPSULE_RADIUS, CAPSULE_LENGTH = 0.03, 0.04, 0.4
 """Of spheres and capsules [m]."""
@@ -20,8 +21,14 @@ SPHERE_RADIUS, CAPSULE_RADIUS, CAPSULE_LENGTH = 0.03, 0.04, 0.4
 SMALLEST, LARGEST = 0.02, 0.2
 """Half sizes of boxes are between these [m]."""
 
+CLUSTERS = 5
+"""How many clusters there are."""
+
 CLUSTER = (-12.0, -3.0)
-"""Spheres of a cluster are 10 to a power between these apart [m]."""
+"""Spheres of a cluster are 10 to a power between these from its middle [m]."""
+
+UP = np.array([0.0, 0.0, 1.0])
+"""Out of the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,32 +128,52 @@ class Adversary:
 
     def _draw(self, index: int, spots: Array) -> Obstacle:
         """Obstacle number ``index``, where the scene's layout puts it."""
+        layouts = {
+            "around": self._around,
+            "shell": self._on_shell,
+            "cluster": self._in_cluster,
+            "rising": self._rising,
+            "facing": self._facing,
+        }
+        place, normal, velocity = layouts[self.scene.layout](index, spots)
+        spin = self.scene.spin * _direction(self._rng)
+        return _obstacle(self.scene.kinds[index], place, normal, velocity, spin, self._rng)
+
+    def _around(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
+        """Place, normal and velocity, (3,) each, beside a body; what is fast comes by before it is drawn again."""
         scene, rng = self.scene, self._rng
-        spot = spots[0] if scene.layout in ("shell", "cluster") else spots[rng.integers(len(spots))]
-        away = _direction(rng)
-        velocity, spin = self._speed() * _direction(rng), scene.spin * _direction(rng)
-        place = spot + scene.spread * rng.normal() * away
-        if scene.layout == "shell":
-            place = spot + scene.spread * away
-        elif scene.layout == "cluster":
-            # every seventh is the middle of a cluster of its own
-            middle = spot + scene.spread * _direction(np.random.default_rng([index % 5, self._tick // scene.every]))
-            place = middle + 10.0 ** rng.uniform(*CLUSTER) * away
-        elif scene.layout == "rising":
-            away = _unit(np.array([0.0, 0.0, 1.0]) + scene.spread * rng.normal(size=3))
-            place = np.array([spot[0], spot[1], -scene.spread * rng.random()])
-            velocity = np.array([0.0, 0.0, self._speed()])
-        elif scene.layout == "facing":
-            side = 1.0 if index % 2 else -1.0
-            away = side * _direction(np.random.default_rng([index // 2, self._tick // scene.every]))
-            spot = spots[(index // 2) % len(spots)]
-            place, velocity = spot + scene.spread * rng.random() * away, -self._speed() * away
-            # a half-space is free where its normal points: towards the body
-            away = -away
-        if scene.speed[1] > 1.0 and scene.layout == "around":
-            # it comes by within the ticks until it is drawn again
-            place = place - velocity * (self._dt * rng.uniform(0.0, 0.5 * scene.every))
-        return _obstacle(scene.kinds[index], place, away, velocity, spin, rng)
+        away, velocity = _direction(rng), self._speed() * _direction(rng)
+        place = spots[rng.integers(len(spots))] + scene.spread * rng.normal() * away
+        until = self._dt * rng.uniform(0.0, 0.5 * scene.every)
+        return (place - until * velocity if scene.speed[1] > 1.0 else place), away, velocity
+
+    def _on_shell(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
+        away = _direction(self._rng)
+        return spots[0] + self.scene.spread * away, away, self._speed() * _direction(self._rng)
+
+    def _in_cluster(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
+        """In one of ``CLUSTERS`` about the first body."""
+        away = _direction(self._rng)
+        middle = spots[0] + self.scene.spread * self._shared(index % CLUSTERS)
+        place = middle + 10.0 ** self._rng.uniform(*CLUSTER) * away
+        return place, away, self._speed() * _direction(self._rng)
+
+    def _rising(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
+        scene, rng = self.scene, self._rng
+        spot = spots[rng.integers(len(spots))]
+        normal = _unit(UP + scene.spread * rng.normal(size=3))
+        return np.array([spot[0], spot[1], -scene.spread * rng.random()]), normal, self._speed() * UP
+
+    def _facing(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
+        """On one side of a body or, for every second one, on the other; free where the body is, and coming closer."""
+        pair = index // 2
+        away = self._shared(pair) if index % 2 else -self._shared(pair)
+        place = spots[pair % len(spots)] + self.scene.spread * self._rng.random() * away
+        return place, -away, -self._speed() * away
+
+    def _shared(self, number: int) -> Array:
+        """A direction (3,) that obstacles drawn in the same stretch of ticks have in common, by its number."""
+        return _direction(np.random.default_rng([number, self._tick // self.scene.every]))
 
     def _speed(self) -> float:
         low, high = self.scene.speed

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from robots.messages import Array
@@ -310,6 +311,10 @@ def random_box(rng: np.random.Generator) -> Box:
     return Box(rng.normal(scale=0.3, size=3), random_rotation(rng), rng.uniform(0.05, 0.4, 3))
 
 
+def unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 def shifted(a: Capsule, by: Array) -> Capsule:
     return Capsule(a.start + by, a.end + by, a.radius)
 
@@ -373,6 +378,24 @@ def test_normals_of_boxes_are_the_gradient_of_the_distance() -> None:
             ends = [box.contact(shifted(a, s * 1e-6 * axis), feature)[6] for axis in np.eye(3) for s in (1, -1)]
             numeric = np.array(ends).reshape(3, 2) @ [0.5e6, -0.5e6]
             np.testing.assert_allclose(contact[3:6], numeric, rtol=0, atol=1e-4 * max(1, 0.01 / abs(contact[6])))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_distance_to_a_box_that_turns_changes_no_faster_than_its_corners_move(kind: str) -> None:
+    """Also where the way out of it changes to another face or edge, turning at 20 rad/s for half a second."""
+    rng = np.random.default_rng(17)
+    signs = set()
+    for _ in range(10):
+        a, box = random_capsule(rng, kind), random_box(rng)
+        turn = pin.exp3(20.0 * 0.002 * unit(rng.normal(size=3)))
+        step = np.linalg.norm(box.half_sizes) * np.linalg.norm(turn - np.eye(3), 2)
+        distance = box.contact(a)[6]
+        for _ in range(250):
+            box = Box(box.center, turn @ box.rotation, box.half_sizes)
+            before, distance = distance, box.contact(a)[6]
+            assert abs(distance - before) <= step + 1e-12
+            signs.add(bool(distance > 0))
+    assert signs == {True, False}
 
 
 def test_contacts_of_boxes_lie_on_the_segment_and_on_the_box() -> None:

@@ -1,6 +1,9 @@
 """Closest points, distances and gradients of each pair of shapes: against coal, numpy oracles and special cases."""
 
+import ast
+import inspect
 from dataclasses import dataclass
+from types import ModuleType
 
 import coal
 import numpy as np
@@ -8,6 +11,7 @@ import pinocchio as pin
 import pytest
 
 from robots.messages import Array
+from safety import box_faces, boxes, geometry, kernels
 from safety.boxes import box_contacts
 from safety.geometry import (
     CONTACT_SIZE,
@@ -456,3 +460,18 @@ def test_half_spaces_see_both_ends_whatever_the_depth() -> None:
             assert contact[6] == pytest.approx(normal @ (end - point), abs=1e-14)
             frame = np.array([contact[3:6], contact[7:10], contact[10:13]])
             np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("module", [geometry, boxes, box_faces, kernels], ids=lambda m: m.__name__)
+def test_every_loop_has_a_number_of_turns_known_before_it(module: ModuleType) -> None:
+    """Neither ``while`` nor recursion: the time that rows take has a bound, whatever the obstacles do."""
+    tree = ast.parse(inspect.getsource(module))
+    for function in (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)):
+        for node in ast.walk(function):
+            assert not isinstance(node, ast.While), f"{function.name}, line {node.lineno}"
+            if isinstance(node, ast.For):
+                # over a range or the numbers of an array
+                over = ast.unparse(node.iter)
+                assert over.startswith("range(") or over.endswith(".flat"), f"{function.name}, line {node.lineno}"
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id != function.name

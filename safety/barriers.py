@@ -112,6 +112,7 @@ def standard_barriers(
     obstacle_kinds: Sequence[str] = (),
     extra: Sequence[Barrier] = (),
     keep_fixed: bool = False,
+    distances_only: bool = False,
 ) -> BarrierSet:
     """The four families of eqs. (34)-(37) of Lee et al. for a robot description.
 
@@ -122,14 +123,16 @@ def standard_barriers(
         keep_fixed: whether to keep the distances that no rate of ``v`` changes: between bodies that no moving joint
             separates, and of obstacles to bodies that stand still. A filter can do nothing about them, a recorder wants
             them.
+        distances_only: whether to leave out the rows of capsules' ends beside the distance of two bodies of the robot.
+            A filter needs them, a recorder does not.
     """
     bodies = CollisionBodies(kin)
     legs = kin.robot.leg_pairs
     pairs = [p for p in kin.robot.self_collision_pairs if keep_fixed or _separable(kin, bodies, p)]
     barriers: list[Barrier] = [
         JointLimitBarrier(kin),
-        SelfCollisionBarrier("self_collision", bodies, [p for p in pairs if p not in legs]),
-        SelfCollisionBarrier("leg_collision", bodies, [p for p in pairs if p in legs]),
+        SelfCollisionBarrier("self_collision", bodies, [p for p in pairs if p not in legs], not distances_only),
+        SelfCollisionBarrier("leg_collision", bodies, [p for p in pairs if p in legs], not distances_only),
         WorkspaceBarrier(kin),
     ]
     if obstacle_kinds:

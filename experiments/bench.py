@@ -38,12 +38,21 @@ WARM_UP = 100
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
     of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
-    for name in unused:
+    unused = {
+        "tick": ("filters",),
+        "loop": ("filters", "solver", "ticks"),
+        "filters": of_tick,
+        "tracking": (*of_tick, "filters", "ticks"),
+    }
+    for name in unused[options.what]:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
     if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
         raise ConfigError("out", str(options.out), "a file in a folder that can be written")
+    if options.what == "loop":
+        from experiments.loop_bench import bench_loop
+
+        return bench_loop(options)
     if options.what == "filters":
         from experiments.filter_bench import bench_filters
 

@@ -11,6 +11,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
 from experiments.ground_truth import TrueBarriers
+from experiments.laps import Laps
 from experiments.recording import Columns
 from experiments.results import GUARANTEED, STOPPED, family_minima
 from experiments.scenario import Cast, Push
@@ -56,6 +57,7 @@ class ClosedLoop:
         nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
         progress: called with the simulated time [s] now and then.
         pushes: on the torso.
+        laps: books where the time goes.
     """
 
     def __init__(
@@ -67,6 +69,7 @@ class ClosedLoop:
         nan_at: float | None = None,
         progress: Callable[[float], None] | None = None,
         pushes: Sequence[Push] = (),
+        laps: Laps | None = None,
     ) -> None:
         self.plant = plant
         self.supervisor = supervisor
@@ -75,6 +78,7 @@ class ClosedLoop:
         self.nan_at = nan_at
         self.progress = progress
         self.pushes = pushes
+        self.laps = Laps() if laps is None else laps
         self.truth = TrueBarriers(plant.robot, () if encounter is None else ("sphere",))
         self._ticks, self._steps = Columns(0), Columns(0)
         config = supervisor.controller.config
@@ -103,7 +107,9 @@ class ClosedLoop:
             for _ in range(substeps):
                 if self.pushes:
                     self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
+                self.laps.book("rest")
                 self.plant.step()
+                self.laps.book("plant")
                 self._record_step()
             if self.plant.unstable:
                 self.supervisor.hold("the simulation became unstable: try a smaller physics step", self.plant.time)
@@ -121,15 +127,23 @@ class ClosedLoop:
         return LoopOutcome(fell_at, self.plant.time)
 
     def _tick(self, t: float) -> None:
+        book = self.laps.book
+        book("rest")
         state = self._measure(t)
+        book("state")
         start = time.perf_counter()
         self._move_references(t, state)
-        command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
+        believed = self._believed_obstacles(t)
+        book("references")
+        command, result = self.supervisor.tick(state, self.reference, believed)
         elapsed = time.perf_counter() - start
+        book("tick")
         if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:
             self.first_relaxed = f"at {t:.3f} s: " + explain(result.safety, self.supervisor.controller.barriers.labels)
         self.plant.send(command)
+        book("rest")
         self._record_tick(t, result, elapsed)
+        book("recording")
 
     def _move_references(self, t: float, state: RobotState) -> None:
         """References of this tick. After a stop a gait comes to rest, and hands stay where they are beside it."""
@@ -198,15 +212,18 @@ class ClosedLoop:
         self._ticks.append(row)
 
     def _record_step(self) -> None:
-        plant, pairs = self.plant, self.truth.slices["self_collision"]
-        obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
+        plant, pairs, book = self.plant, self.truth.slices["self_collision"], self.laps.book
         state = self._state = plant.true_state()
         self._zmp = plant.zero_moment_point()
+        book("state")
+        obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
         rows = self.truth.evaluate(state.q, obstacles)
         disturbance = state.v - self._v_safe
         row_bound = np.nan
         if self._row_bound is not None:
             row_bound = self._row_bound.advance(rows.h[pairs], rows.jac[pairs], disturbance)
+        gradients = self.truth.gradients(rows)
+        book("true barriers")
         self._steps.append(
             {
                 "step_time": plant.time,
@@ -214,10 +231,11 @@ class ClosedLoop:
                 "step_zmp": self._zmp,
                 "step_torque": plant.torque,
                 "disturbance": math.sqrt(disturbance @ disturbance),
-                "gradient": self.truth.gradients(rows),
+                "gradient": gradients,
                 "h_row_bound": row_bound,
             }
         )
+        book("recording")
 
     def _fallen(self) -> bool:
         q = self._state.q

@@ -212,20 +212,22 @@ class DemoOptions:
 class BenchOptions:
     """Measure, and print the figures.
 
-    tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
-    same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
-    conditions can be met and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated
-    velocity is worth to the filter.
+    tick: one control tick, stage by stage, over a recorded run of each robot. loop: wall time over simulated time of
+    hand tracking and a walk at 500 Hz and 2 kHz, by part. filters: every safety filter over the same recorded states of
+    the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the conditions can be met
+    and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated velocity is worth to
+    the filter.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "filters", "tracking"]]
+    what: tyro.conf.Positional[Literal["tick", "loop", "filters", "tracking"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Only with tick: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
+    """Only with tick and loop: robots to measure: g1, tocabi, or paths of .toml descriptions with
+    [tuning.hand_tracking]."""
     ticks: int | None = None
     """Ticks to measure, at least 100 of tick (5000 if not given), 10 of filters (300 of each size if not given) [-]."""
     filter: str = "issf"
-    """Only with tick: safety filter, as for the runs."""
+    """Only with tick and loop: safety filter, as for the runs."""
     filters: tuple[str, ...] | None = None
     """Only with filters: which ones; all if not given."""
     solver: str = "daqp"

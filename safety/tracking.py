@@ -2,14 +2,17 @@
 
 import math
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from filterpy.kalman import KalmanFilter
 from scipy.special import chdtri
 
 from robots.checks import all_finite, require_one_of, require_positive
 from robots.errors import ConfigError
 from robots.messages import Array
+
+if TYPE_CHECKING:
+    from filterpy.kalman import KalmanFilter
 
 MODELS = ("constant_velocity", "constant_acceleration")
 """Motion models of a track: driven by white acceleration, or by white jerk."""
@@ -86,6 +89,9 @@ class ObstacleTrack:
 
     def __init__(self, settings: TrackerSettings | None = None) -> None:
         """Without a measurement the track has no estimate yet."""
+        from filterpy.kalman import KalmanFilter
+
+        self._make: type[KalmanFilter] = KalmanFilter
         self.settings = settings or TrackerSettings()
         s = self.settings
         constant_velocity = s.model == "constant_velocity"
@@ -139,9 +145,9 @@ class ObstacleTrack:
         self._filter.update(z[None, :], H=self._filter.H)
         self._filter.P = _symmetric(self._filter.P)
 
-    def _started(self, z: Array) -> KalmanFilter:
+    def _started(self, z: Array) -> "KalmanFilter":
         s = self.settings
-        kf = KalmanFilter(dim_x=self._order, dim_z=1)
+        kf = self._make(dim_x=self._order, dim_z=1)
         kf.x = np.zeros((self._order, 3))
         kf.x[0] = z
         kf.H = np.eye(1, self._order)

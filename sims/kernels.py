@@ -5,6 +5,9 @@ from numba import njit, types
 
 from robots.messages import Array, Indices
 
+LEAST_FORCE = 1.0
+"""Vertical force of the ground [N] below which there is no ZMP."""
+
 NUMBERS = types.Array(types.float64, 1, "C", readonly=True)
 CONTACT_ADDRESSES = types.Array(types.int32, 1, "A", readonly=True)
 CONTACT_GEOMS = types.Array(types.int32, 2, "A", readonly=True)
@@ -23,6 +26,7 @@ CONTACT_NUMBERS = types.Array(types.float64, 2, "A", readonly=True)
         types.Array(types.float64, 3, "C", readonly=True),
         types.float64[:, ::1],
         types.float64[:, ::1],
+        types.float64[::1],
     ),
     cache=True,
     error_model="numpy",
@@ -37,8 +41,9 @@ def ground_loads(
     poses: Array,
     loads: Array,
     wrenches: Array,
+    zmp: Array,
 ) -> None:
-    """What the contacts of one physics step put on each sole.
+    """What the contacts of one physics step put on each sole, and the ZMP on the ground plane.
 
     Args:
         addresses: shape (n,) where the rows of each contact begin in ``forces``; below 0 for a contact that only grazes
@@ -51,6 +56,7 @@ def ground_loads(
         poses: shape (2, 4, 3) of each sole: rotation, then position [m].
         loads: shape (2, 6) force, then moment about the world's origin, world axes [N, N m]; written.
         wrenches: shape (2, 6) force, then moment about the sole's centre, sole axes [N, N m]; written.
+        zmp: shape (2,) [m], NaN where the vertical force is below ``LEAST_FORCE``; written.
     """
     loads[:] = 0.0
     force, moment = np.empty(3), np.empty(3)
@@ -77,6 +83,10 @@ def ground_loads(
         for k in range(3):
             wrenches[s, k] = R[0, k] * f[0] + R[1, k] * f[1] + R[2, k] * f[2]
             wrenches[s, 3 + k] = R[0, k] * moment[0] + R[1, k] * moment[1] + R[2, k] * moment[2]
+    vertical = loads[0, 2] + loads[1, 2]
+    carried = vertical >= LEAST_FORCE
+    zmp[0] = -(loads[0, 4] + loads[1, 4]) / vertical if carried else np.nan
+    zmp[1] = (loads[0, 3] + loads[1, 3]) / vertical if carried else np.nan
 
 
 @njit(

@@ -16,9 +16,6 @@ from sims.kernels import ground_loads, read_state
 UNSTABLE_ACCELERATION = 1e7
 """Acceleration [m/s^2, rad/s^2] from which the simulation counts as numerically unstable."""
 
-LEAST_FORCE = 1.0
-"""Vertical force of the ground [N] below which there is no ZMP."""
-
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
@@ -127,7 +124,7 @@ class MujocoPlant:
         self._corners = np.array([sole_outline(s.half_length, s.half_width) for s in robot.soles])
         self._torso = self.data.body(robot.frame(robot.roles["torso"]).body).id
         self.torque = np.zeros(len(robot.joints))
-        self._loads, self._wrenches = np.zeros((2, 6)), np.zeros((2, 6))
+        self._loads, self._wrenches, self._zmp = np.zeros((2, 6)), np.zeros((2, 6)), np.full(2, np.nan)
         self._sole_poses = np.zeros((2, 4, 3))
         self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
@@ -209,7 +206,8 @@ class MujocoPlant:
         contacts = (contact.efc_address, contact.frame, contact.pos, contact.geom)
         self._sole_poses[:, :3] = data.site_xmat[self._sole_sites].reshape(2, 3, 3)
         self._sole_poses[:, 3] = data.site_xpos[self._sole_sites]
-        ground_loads(*contacts, data.efc_force, self._sole_geoms, self._sole_poses, self._loads, self._wrenches)
+        soles, out = (self._sole_geoms, self._sole_poses), (self._loads, self._wrenches, self._zmp)
+        ground_loads(*contacts, data.efc_force, *soles, *out)
 
     def contact_wrenches(self) -> Array:
         """Ground wrench on each sole (2, 6): force, then moment about the sole's centre, sole axes [N, N m].
@@ -220,10 +218,7 @@ class MujocoPlant:
 
     def zero_moment_point(self) -> Array:
         """Measured ZMP (2,) on the ground plane [m] from the net contact wrench; NaN without vertical force."""
-        load = self._loads[0] + self._loads[1]
-        if load[2] < LEAST_FORCE:
-            return np.full(2, np.nan)
-        return np.array([-load[4], load[3]]) / load[2]
+        return self._zmp.copy()
 
     def sole_corners(self) -> Array:
         """World positions (2, 4, 3) of the corners of both soles [m]."""

@@ -38,7 +38,7 @@ STANDARD_NOISE = SensorNoise(
 """Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
 
 MAX_STEPS = 600_000
-"""Most physics steps of one run; each leaves about 2 kB behind."""
+"""Most physics steps of one run; each leaves 2 to 4 kB behind."""
 
 SETTLE = 1.5
 """Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -104,13 +105,7 @@ class ClosedLoop:
             if t >= end - 0.5 * dt:
                 break
             self._tick(t)
-            for _ in range(substeps):
-                if self.pushes:
-                    self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
-                self.laps.book("rest")
-                self.plant.step()
-                self.laps.book("plant")
-                self._record_step()
+            self._advance(substeps)
             if self.plant.unstable:
                 self.supervisor.hold("the simulation became unstable: try a smaller physics step", self.plant.time)
                 break
@@ -125,6 +120,16 @@ class ClosedLoop:
         if self.progress is not None:
             self.progress(self.plant.time)
         return LoopOutcome(fell_at, self.plant.time)
+
+    def _advance(self, substeps: int) -> None:
+        """Let the plant move for a control period."""
+        for _ in range(substeps):
+            if self.pushes:
+                self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
+            self.laps.book("rest")
+            self.plant.step()
+            self.laps.book("plant")
+            self._record_step()
 
     def _tick(self, t: float) -> None:
         book = self.laps.book
@@ -178,7 +183,6 @@ class ClosedLoop:
         # the instant of the last plant step, so what was measured then need not be worked out again
         state, plant, reference = self._state, self.plant, self.reference
         load = self.supervisor.controller.load
-        self._v_safe = self._nowhere if result is None else result.safety.v
         row: dict[str, Array | float] = {
             "time": t,
             "q": state.q,
@@ -191,14 +195,8 @@ class ClosedLoop:
             "load_scale": 1.0 if load is None else load.scale,
             "zmp": self._zmp,
             "foot_wrench": plant.contact_wrenches(),
-            "v_des": self._nowhere if result is None else result.v_des,
-            "v_safe": self._v_safe,
-            "filter_status": STOPPED if result is None else int(result.safety.status),
-            "filter_slack": np.nan if result is None else result.safety.slack,
-            "qp_failed": 0 if result is None else int(result.dynwbc.status != "optimal"),
-            "stages": NO_STAGES if result is None else result.stage_seconds,
-            "tick_ms": 1e3 * elapsed,
             "corners": plant.sole_corners(),
+            "tick_ms": 1e3 * elapsed,
         }
         if reference.dcm is not None:
             row["dcm_ref"], row["zmp_ref"] = reference.dcm.position, reference.dcm.zmp
@@ -209,7 +207,29 @@ class ClosedLoop:
         if self.encounter is not None:
             sphere = self.encounter.sphere
             row["obstacle"] = np.append(sphere.position(t), sphere.radius)
-        self._ticks.append(row)
+        answer = self._answer(result)
+        self._v_safe = answer["v_safe"]
+        self._ticks.append(row | answer)
+
+    def _answer(self, result: TickResult | None) -> dict[str, Any]:
+        """What is recorded of the controller's answer; ``None`` once it is not asked any more."""
+        if result is None:
+            return {
+                "v_des": self._nowhere,
+                "v_safe": self._nowhere,
+                "filter_status": STOPPED,
+                "filter_slack": np.nan,
+                "qp_failed": 0,
+                "stages": NO_STAGES,
+            }
+        return {
+            "v_des": result.v_des,
+            "v_safe": result.safety.v,
+            "filter_status": int(result.safety.status),
+            "filter_slack": result.safety.slack,
+            "qp_failed": int(result.dynwbc.status != "optimal"),
+            "stages": result.stage_seconds,
+        }
 
     def _record_step(self) -> None:
         plant, pairs, book = self.plant, self.truth.slices["self_collision"], self.laps.book

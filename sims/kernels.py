@@ -15,6 +15,43 @@ CONTACT_NUMBERS = types.Array(types.float64, 2, "A", readonly=True)
 """Types given in advance: compiled at import. Fields of contacts lie a contact's size apart in MuJoCo's memory."""
 
 
+@njit(cache=True, error_model="numpy")
+def _add_contacts(
+    addresses: Indices, frames: Array, points: Array, geoms: Indices, forces: Array, soles: Indices, loads: Array
+) -> None:
+    """Writes ``loads``; the arguments are those of :func:`ground_loads`."""
+    loads[:] = 0.0
+    force = np.empty(3)
+    for i in range(addresses.size):
+        if addresses[i] < 0:
+            continue
+        for k in range(3):
+            force[k] = 0.0
+            for axis in range(3):
+                force[k] += frames[i, 3 * axis + k] * forces[addresses[i] + axis]
+        for s in range(2):
+            if soles[s] in (geoms[i, 0], geoms[i, 1]):
+                # MuJoCo's contact frame points from the first geom to the second
+                sign = 1.0 if geoms[i, 1] == soles[s] else -1.0
+                for k in range(3):
+                    x, y = (k + 1) % 3, (k + 2) % 3
+                    loads[s, k] += sign * force[k]
+                    loads[s, 3 + k] += sign * (points[i, x] * force[y] - points[i, y] * force[x])
+
+
+@njit(cache=True, error_model="numpy")
+def _in_sole_axes(load: Array, pose: Array, wrench: Array) -> None:
+    """Writes ``wrench`` (6,), ``load`` (6,) about the centre of a sole in its axes; ``pose`` (4, 3)."""
+    moment = np.empty(3)
+    R, p = pose[:3], pose[3]
+    for k in range(3):
+        x, y = (k + 1) % 3, (k + 2) % 3
+        moment[k] = load[3 + k] - (p[x] * load[y] - p[y] * load[x])
+    for k in range(3):
+        wrench[k] = R[0, k] * load[0] + R[1, k] * load[1] + R[2, k] * load[2]
+        wrench[3 + k] = R[0, k] * moment[0] + R[1, k] * moment[1] + R[2, k] * moment[2]
+
+
 @njit(
     types.void(
         CONTACT_ADDRESSES,
@@ -58,31 +95,9 @@ def ground_loads(
         wrenches: shape (2, 6) force, then moment about the sole's centre, sole axes [N, N m]; written.
         zmp: shape (2,) [m], NaN where the vertical force is below ``LEAST_FORCE``; written.
     """
-    loads[:] = 0.0
-    force, moment = np.empty(3), np.empty(3)
-    for i in range(addresses.size):
-        if addresses[i] < 0:
-            continue
-        for k in range(3):
-            force[k] = 0.0
-            for axis in range(3):
-                force[k] += frames[i, 3 * axis + k] * forces[addresses[i] + axis]
-        for s in range(2):
-            if soles[s] in (geoms[i, 0], geoms[i, 1]):
-                # MuJoCo's contact frame points from the first geom to the second
-                sign = 1.0 if geoms[i, 1] == soles[s] else -1.0
-                for k in range(3):
-                    x, y = (k + 1) % 3, (k + 2) % 3
-                    loads[s, k] += sign * force[k]
-                    loads[s, 3 + k] += sign * (points[i, x] * force[y] - points[i, y] * force[x])
+    _add_contacts(addresses, frames, points, geoms, forces, soles, loads)
     for s in range(2):
-        R, p, f = poses[s, :3], poses[s, 3], loads[s, :3]
-        for k in range(3):
-            x, y = (k + 1) % 3, (k + 2) % 3
-            moment[k] = loads[s, 3 + k] - (p[x] * f[y] - p[y] * f[x])
-        for k in range(3):
-            wrenches[s, k] = R[0, k] * f[0] + R[1, k] * f[1] + R[2, k] * f[2]
-            wrenches[s, 3 + k] = R[0, k] * moment[0] + R[1, k] * moment[1] + R[2, k] * moment[2]
+        _in_sole_axes(loads[s], poses[s], wrenches[s])
     vertical = loads[0, 2] + loads[1, 2]
     carried = vertical >= LEAST_FORCE
     zmp[0] = -(loads[0, 4] + loads[1, 4]) / vertical if carried else np.nan

@@ -50,7 +50,7 @@ def bench(options: BenchOptions) -> int:
     if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
         raise ConfigError("out", str(options.out), "a file in a folder that can be written")
     if options.what == "loop":
-        from experiments.loop_bench import bench_loop
+        from experiments.bench_loop import bench_loop
 
         return bench_loop(options)
     if options.what == "filters":

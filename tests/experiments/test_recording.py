@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import loop_bench
+from experiments import bench_loop
 from experiments.bench import bench
 from experiments.ground_truth import TrueBarriers
 from experiments.laps import LOOP_PARTS, PARTS, Laps
-from experiments.loop_bench import case, loop_figures
+from experiments.bench_loop import case, loop_figures
 from experiments.options import BenchOptions
 from experiments.recording import Columns
 from experiments.results import GUARANTEED
@@ -134,8 +134,8 @@ def test_every_part_of_a_run_is_booked() -> None:
 def test_the_bench_prints_and_writes_every_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr(loop_bench, "DURATION", 4.1)
-    monkeypatch.setattr(loop_bench, "RATES", {250.0: 0.002})
+    monkeypatch.setattr(bench_loop, "DURATION", 4.1)
+    monkeypatch.setattr(bench_loop, "RATES", {250.0: 0.002})
     assert bench(BenchOptions("loop", robots=("g1",), out=tmp_path / "loop.json")) == 0
     figures = json.loads((tmp_path / "loop.json").read_text())
     assert list(figures) == ["g1"]

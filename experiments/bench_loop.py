@@ -9,7 +9,7 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-from experiments.hand_tracking import hand_tracking_scenario
+from experiments.hand_tracking import hand_scenario
 from experiments.laps import LOOP_PARTS, PARTS, Laps
 from experiments.options import BenchOptions, FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, WalkOptions
 from experiments.scenario import Scenario
@@ -69,7 +69,7 @@ def case(name: str, what: str, rate: float, filter_name: str, duration: float) -
         walk = WalkOptions(**settings)
         return walk_scenario(robot, command_profile(walk, robot)), walk
     hands = HandTrackingOptions(**settings)
-    return hand_tracking_scenario(robot, hands), hands
+    return hand_scenario(robot, hands), hands
 
 
 def loop_figures(scenario: Scenario, options: RunOptions) -> dict[str, float]:

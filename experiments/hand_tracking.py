@@ -35,11 +35,11 @@ def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], 
     Raises:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
-    return run(hand_tracking_scenario(check_hand_tracking(options), options), options, progress)
+    return run(hand_scenario(check_hand_tracking(options), options), options, progress)
 
 
-def hand_tracking_scenario(robot: RobotDescription, options: HandTrackingOptions) -> Scenario:
-    """What happens in a run of these options, which have been checked."""
+def hand_scenario(robot: RobotDescription, options: HandTrackingOptions) -> Scenario:
+    """What happens in a run with these options, which have been checked."""
     make = {"circles": _circles, "beyond-reach": _beyond_reach, "hold": _hold}[options.motion]
     obstacle = obstacle_settings(options)
     encounter = None if obstacle is None else partial(passing_sphere, obstacle)

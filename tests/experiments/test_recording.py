@@ -11,9 +11,9 @@ import pytest
 
 from experiments import bench_loop
 from experiments.bench import bench
+from experiments.bench_loop import case, loop_figures
 from experiments.ground_truth import TrueBarriers
 from experiments.laps import LOOP_PARTS, PARTS, Laps
-from experiments.bench_loop import case, loop_figures
 from experiments.options import BenchOptions
 from experiments.recording import Columns
 from experiments.results import GUARANTEED

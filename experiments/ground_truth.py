@@ -27,12 +27,13 @@ class TrueBarriers:
         self._set = standard_barriers(self._kin, obstacle_kinds, keep_fixed=True, distances_only=True)
         self._obstacles = next((b for b in self._set.barriers if isinstance(b, ObstacleBarrier)), None)
         kept = np.concatenate(list(self._set.primary.values()))
-        self._kept = slice(None) if kept.size == self._set.size else kept
+        self._kept = None if kept.size == self._set.size else kept
         ends = np.cumsum([rows.size for rows in self._set.primary.values()])
         self.slices = {f: slice(e - r.size, e) for (f, r), e in zip(self._set.primary.items(), ends, strict=True)}
         present = [f for f in GUARANTEED if f in self.slices and self._set.primary[f].size]
         self._present = np.array([GUARANTEED.index(f) for f in present], dtype=np.intp)
         self._starts = np.array([self.slices[f].start for f in present], dtype=np.intp)
+        self._longest = np.full(len(GUARANTEED), np.nan)
 
     def evaluate(self, q: Array, obstacles: Sequence[Obstacle] = ()) -> BarrierRows:
         """Rows at a true configuration (nq,) among the true obstacles; the next call may overwrite them."""
@@ -40,12 +41,16 @@ class TrueBarriers:
         if self._obstacles is not None:
             self._obstacles.set_obstacles(obstacles)
         rows, kept = self._set.evaluate(self._kin), self._kept
+        if kept is None:
+            return rows
         return BarrierRows(rows.h[kept], rows.jac[kept], rows.drift[kept], rows.family[kept])
 
     def gradients(self, rows: BarrierRows) -> Array:
-        """Largest size of a row of the Jacobian in each family of ``GUARANTEED``, NaN where it has no rows."""
-        out = np.full(len(GUARANTEED), np.nan)
+        """Largest size of a row of the Jacobian in each family of ``GUARANTEED``, NaN where it has no rows.
+
+        The next call overwrites what it returns.
+        """
         if self._starts.size:
             squared = np.vecdot(rows.jac, rows.jac)
-            out[self._present] = np.sqrt(np.maximum.reduceat(squared, self._starts))
-        return out
+            self._longest[self._present] = np.sqrt(np.maximum.reduceat(squared, self._starts))
+        return self._longest

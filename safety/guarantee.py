@@ -274,7 +274,7 @@ class RowBound:
         else:
             self._b *= self._keep
             self._b += self._gain * self._promise.row_forcing(jac, disturbance)
-        return float(self._b[int(np.argmin(h))]) if h.size else math.nan
+        return float(self._b[h.argmin()]) if h.size else math.nan
 
 
 def promises(condition: str, parameters: BarrierParameters) -> dict[str, Promise]:

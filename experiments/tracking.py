@@ -15,6 +15,7 @@ from rich.text import Text
 from experiments.console import make_console
 from experiments.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.figures import Figure
+from experiments.options import BenchOptions
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
@@ -203,8 +204,7 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
     """Estimated against true velocity of the three motions, one coordinate; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.options import BenchOptions
-from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
 
     drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
     axes = drawing.subplots(3, 1, sharex=True)

@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import time
 from pathlib import Path
 from typing import Any
 
@@ -75,14 +76,17 @@ def case(name: str, what: str, rate: float, filter_name: str, duration: float) -
 def loop_figures(scenario: Scenario, options: RunOptions) -> dict[str, float]:
     """Wall time by part of one run [ms per simulated second; the set-up in ms], and how much faster than real time.
 
-    ``loop`` is the sum of ``LOOP_PARTS``, ``real_time_factor`` simulated time over it.
+    ``loop`` is the sum of ``LOOP_PARTS``, ``real_time_factor`` simulated time over it; ``processor_share`` processor
+    time over wall time: clearly below 1, something else was running and the figures say little.
     """
-    laps = Laps()
+    laps, processor = Laps(), time.process_time()
     simulated = float(run(scenario, options, laps=laps).summary["duration_s"])
+    processor = time.process_time() - processor
     out = {part: 1e3 * seconds / simulated for part, seconds in laps.seconds.items()}
     out["set-up"] = 1e3 * laps.seconds["set-up"]
     out["loop"] = sum(out[part] for part in LOOP_PARTS)
     out["real_time_factor"] = 1e3 / out["loop"]
+    out["processor_share"] = processor / sum(laps.seconds.values())
     return out
 
 
@@ -97,6 +101,7 @@ def table(robot: RobotDescription, filter_name: str, figures: dict[str, dict[str
     out.add_row("times real time", *(f"{f['real_time_factor']:.2f}" for f in figures.values()), style="bold")
     out.add_section()
     for part in (p for p in PARTS if p not in LOOP_PARTS):
-        name = "set-up (ms, once)" if part == "set-up" else part
+        name = "set-up [ms]" if part == "set-up" else part
         out.add_row(name, *(f"{f[part]:.1f}" for f in figures.values()))
+    out.add_row("processor share", *(f"{f['processor_share']:.2f}" for f in figures.values()))
     return out

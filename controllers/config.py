@@ -11,6 +11,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
+from safety.recovery import RecoverySettings
 from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
@@ -102,6 +103,9 @@ class FilterTuning:
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
+        recovery_stiffness: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
+            bounds, see :mod:`safety.recovery`.
+        recovery_acceleration: largest change of the nominal velocity meanwhile [rad/s^2, m/s^2], above 0.
     """
 
     joint_limit: FamilyParameters = _family(10.0, 10.0)
@@ -117,20 +121,28 @@ class FilterTuning:
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
+    recovery_stiffness: float = 10.0
+    recovery_acceleration: float = 50.0
 
     def __post_init__(self) -> None:
         for name in FAMILIES:
             if not isinstance(getattr(self, name), FamilyParameters):
                 raise ConfigError(name, getattr(self, name), "parameters of a constraint family")
-        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight"):
+        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight", "recovery_stiffness"):
             require_non_negative(name, getattr(self, name))
-        for name in ("velocity_scale", "base_linear", "base_angular"):
+        for name in ("velocity_scale", "base_linear", "base_angular", "recovery_acceleration"):
             require_positive(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
 
     def parameters(self) -> BarrierParameters:
         """The families' parameters in the form of the conditions."""
         return BarrierParameters(**{f: getattr(self, f) for f in FAMILIES})
+
+    def recovery(self) -> RecoverySettings | None:
+        """How the filter comes back from behind a barrier; ``None`` for no bounds on it."""
+        if self.recovery_stiffness == 0:
+            return None
+        return RecoverySettings(self.recovery_stiffness, self.recovery_acceleration)
 
 
 @dataclass(frozen=True, slots=True)

@@ -97,6 +97,8 @@ class WholeBodyController:
             safety.balance_weight,
             safety.hand_weight,
             config.infeasible,
+            dt=config.dt,
+            recovery=safety.recovery(),
         )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         count = self.barriers.size if self.acceleration_filter else 0

@@ -72,6 +72,9 @@ class FamilyParameters:
         push_joint: velocity that SMA adds per gradient of the worst row [rad/s per m/rad], above 0.
         index_gain: k of the second-order index [s for power 1], above 0.
         index_power: n of the second-order index, 1 or above: below, its slope at h = 0 is infinite.
+        recovery_depth: a row lower than minus this [m or rad] is lost, see :mod:`safety.recovery`; above 0.
+        recovery_speed: by how much more than at h = 0 a lost row may ask of the rate of h [m/s or rad/s], above 0.
+        recovery_acceleration: at which a lost row may ask for more [m/s^2 or rad/s^2], above 0.
     """
 
     alpha: float = 5.0
@@ -84,6 +87,9 @@ class FamilyParameters:
     push_joint: float = 40.0
     index_gain: float = 1.0
     index_power: float = 1.0
+    recovery_depth: float = 0.005
+    recovery_speed: float = 0.1
+    recovery_acceleration: float = 1.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -109,6 +115,9 @@ class RowParameters:
     push_joint: Array
     index_gain: Array
     index_power: Array
+    recovery_depth: Array
+    recovery_speed: Array
+    recovery_acceleration: Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -79,9 +79,11 @@ def _family(alpha: float, epsilon: float) -> FamilyParameters:
 
     The papers' eta (0.5 m/s), slack weight (10) and pushes (0.1, 40) belong to joint velocities that are followed
     exactly and to a cost in which all joints weigh the same. Here motors follow them with torques, and feet, balance
-    and hands weigh 100 to 1000 times as much as a joint.
+    and hands weigh 100 to 1000 times as much as a joint. Torques rattle where a condition switches at the margin, so
+    SSA and its kin have a layer, whose slope eta / layer = 20 1/s is half of DynWBC's velocity gain.
     """
-    return FamilyParameters(alpha, epsilon, eta=0.1, slack_weight=1e4, push_cartesian=1.0, push_joint=100.0)
+    own = {"eta": 0.1, "layer": 0.005, "slack_weight": 1e4, "push_cartesian": 1.0, "push_joint": 100.0}
+    return FamilyParameters(alpha, epsilon, **own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +123,8 @@ class FilterTuning:
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
-    recovery_stiffness: float = 10.0
-    recovery_acceleration: float = 50.0
+    recovery_stiffness: float = 20.0
+    recovery_acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in FAMILIES:

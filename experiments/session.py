@@ -24,6 +24,7 @@ from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
+from safety.rows import FAMILIES
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 STANDARD_NOISE = SensorNoise(
@@ -67,9 +68,12 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     """Changes to a robot's controller configuration that the filter's options ask for.
 
     Raises:
-        ConfigError: alpha or epsilon is not positive and finite.
+        ConfigError: alpha or epsilon is not positive and finite, or the layer not 0 or above.
     """
     safety = controller_config(robot).safety
+    if options.layer is not None:
+        families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
+        safety = dataclasses.replace(safety, **families)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
     return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}

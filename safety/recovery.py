@@ -68,8 +68,8 @@ class RecoverySettings:
         acceleration: u, largest change of the nominal velocity per time [rad/s^2, m/s^2 for the base], above 0.
     """
 
-    stiffness: float = 10.0
-    acceleration: float = 50.0
+    stiffness: float = 20.0
+    acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

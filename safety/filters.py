@@ -178,7 +178,7 @@ class SafetyFilter:
                 return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
             result = self._filter(rows, v_des, (feet, balance, hands), velocity)
         if self._recovery is not None:
-            self._recovery.note(result.v)
+            self._recovery.note(v_des, result.v)
         return result
 
     def _filter(

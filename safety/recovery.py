@@ -8,30 +8,31 @@ before the others. With :math:`D_i(h)` what the condition asks of :math:`\dot h_
 :math:`\theta_i = \min(1, -h_i / d_i)`:
 
 .. math::
-    D_i' &= \min(D_i(h_i),\; D_i(0) + r_i) \\
+    D_i' &= \min(\max(D_i(h_i),\; \theta_i r_i),\; D_i(0) + r_i) \\
     D_i'' &= D_i' - \theta_i \max(0,\; D_i' - (J_i v' + \partial_t h_i + a_i\,dt)) \\
     v^r &= \arg\min_v \|v - \bar v\|_H^2 + \sum_{h_i < 0} \frac{\kappa}{\theta_i J_i H^{-1} J_i^T}
-        \max(0,\; D_i'' - J_i v - \partial_t h_i)^2, \quad \bar v = v' + s (v^{des} - v')
+        \max(0,\; D_i'' - J_i v - \partial_t h_i)^2
 
-with rows of :math:`h_i \ge 0` as constraints, and s at most 1 such that no entry of :math:`\bar v - v'` is above
-:math:`u\,dt`. The filter is then given :math:`\bar v` as the nominal velocity and :math:`\min(D_i'', J_i v^r +
-\partial_t h_i)` as what the lost rows ask for. So
+with the rows of :math:`h_i \ge 0` as constraints. The nominal velocity :math:`\bar v` is :math:`v^{des}` and what was left
+of the last correction :math:`w' = v' - v^{des\prime}`, shrunk so that no entry of it loses more than :math:`u\,dt`. The
+filter is then given :math:`\bar v`, and asks :math:`\min(D_i'', J_i v^r + \partial_t h_i)` of the lost rows. So
 
 - nothing is asked to leave faster than :math:`D_i(0) + r_i`, nor to become faster by more than :math:`a_i\,dt` a tick;
-- v' itself meets the lost rows to within :math:`a_i\,dt`, so as far as rows with :math:`h \ge 0` leave it alone the
-  command moves by at most :math:`\|v - v'\|_H \le 2 \|\bar v - v'\|_H + (\kappa \sum_i (a_i dt)^2 / (\theta_i J_i H^{-1}
-  J_i^T))^{1/2}` a tick, however much the lost rows contradict each other;
-- all of it is continuous in h, and vanishes for :math:`h_i \to 0`, where a row is as hard as any.
+- v' meets the lost rows to within :math:`a_i\,dt`, so as far as the rows of :math:`h_i \ge 0` and turns of :math:`J_i`
+  leave it alone the command moves by at most
+  :math:`\|v - v'\|_H \le 2 \|\bar v - v'\|_H + (\kappa \sum_i (a_i\,dt)^2 / (\theta_i J_i H^{-1} J_i^T))^{1/2}` a tick,
+  however much the lost rows contradict each other;
+- what the rows ask for is continuous in h, and for :math:`h_i \to 0` a row is as hard as any.
 
-What is left of the return: a row that is alone, or agrees with the others, comes back at
-:math:`\kappa / (\kappa + \theta_i)` of D'' or more, once its ramp is over at least as fast as
+What the return keeps, for any filter: where a row is alone or agrees with the others, and
+:math:`J_i (\bar v - v') \ge -U\,dt` with :math:`U < \kappa a`, its rate grows by :math:`(\kappa a - U)/(\kappa + 1)` until it is
 
-.. math:: \dot h \ge \frac{\kappa}{\kappa + 1} \min(-\alpha h,\; r)
+.. math:: \dot h \ge \theta\, r',\qquad r' = r - U\,dt/\kappa
 
-(for CBF; of ISSf-CBF's :math:`\|J\|^2 / \varepsilon` and SSA's :math:`\eta` the same share comes on top). From
-:math:`-h_0` it is therefore within :math:`r/\alpha` of the boundary after :math:`(\kappa + 1)/\kappa\,(h_0/r) + r/a` at
-the latest, and approaches it with rate :math:`\alpha` from there. Rows that contradict each other share what can be
-had, in the least squares' sense.
+to a share of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-d` after :math:`h_0/r' + r(\kappa + 1)/(\kappa
+a - U)` at the latest, and comes closer as :math:`e^{-r' t/d}` or faster. A velocity that is followed to within
+:math:`\delta` (in the rate of h) brings it to :math:`-d\,\delta/r'`. Rows that contradict each other share what can be had,
+in the least squares' sense: of these nothing is promised but the bounds above.
 """
 
 from collections.abc import Callable
@@ -48,8 +49,11 @@ from wbc.qp import UNBOUNDED, QpSolver, make_solver
 SOFT_ROWS = 64
 """So many lost rows are weighed against each other, the deepest; what the others ask for is cut to what comes of it."""
 
-RELEASE = 0.2
-"""So long no row has to be lost before nothing is eased any more [s]."""
+SETTLED = 0.05
+"""The last correction counts as used up once less than this share of what it may lose in a tick is lost,"""
+
+RELEASE = 2.0
+"""or after so long without a lost row [s]."""
 
 ROUNDING = 1e-7
 """Room [m/s, rad/s] given to lost rows, so that rounding does not make them contradict each other."""
@@ -69,7 +73,7 @@ class RecoverySettings:
     """
 
     stiffness: float = 20.0
-    acceleration: float = 25.0
+    acceleration: float = 5.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -96,59 +100,75 @@ class Recovery:
         """For ``nv`` variables, ``n_rows`` rows and a tick of ``dt`` [s]; the last command is rest."""
         self.settings, self._dt = settings, dt
         self._soft, self._n_rows = min(SOFT_ROWS, n_rows), n_rows
-        self._last = np.zeros(nv)
-        self._waited = np.inf
+        self._last, self._correction = np.zeros(nv), np.zeros(nv)
+        self._moved, self._waited = 0.0, RELEASE
         self._solver: QpSolver | None = None
 
-    def note(self, v: Array) -> None:
-        """The command (nv,) that was given in the end."""
-        self._last = v
+    def note(self, v_des: Array, v: Array) -> None:
+        """The nominal velocity (nv,), and the command (nv,) that was given in the end; both of an earlier tick."""
+        correction = v - v_des
+        if self._waited < RELEASE:
+            self._moved = float(np.abs(correction - self._correction).max(initial=0.0))
+        self._last, self._correction = v, correction
 
     def ease(
         self,
         rows: BarrierRows,
         spaces: HalfSpaces,
-        at_zero: Callable[[BarrierRows], HalfSpaces],
+        condition: Callable[[BarrierRows], HalfSpaces],
         parameters: RowParameters,
         v_des: Array,
         metric: Callable[[], Array],
         limit: Array,
     ) -> Eased | None:
-        """What to filter instead; ``None`` where no row is lost, and none has been of late.
+        """What to filter instead; ``None`` where no row is lost, and what came of the last that were is used up.
 
         Args:
             rows: n barrier rows.
             spaces: the conditions on the velocity.
-            at_zero: the condition.
+            condition: makes them.
             parameters: recovery_depth, recovery_speed and recovery_acceleration are read.
             v_des: shape (nv,) nominal velocity.
             metric: gives H, shape (nv, nv).
             limit: shape (nv,) bounds on the size of the velocity.
         """
         lost = spaces.active & (rows.h < 0)
-        if not self._is_engaged(rows, lost, parameters):
+        if not self._is_engaged(lost, lost & (-rows.h > parameters.recovery_depth)):
             return None
-        step = v_des - self._last
-        largest = float(np.abs(step).max(initial=0.0))
-        share = min(1.0, self.settings.acceleration * self._dt / largest) if largest > 0 else 1.0
-        nominal = self._last + share * step
+        largest, less = float(np.abs(self._correction).max(initial=0.0)), self.settings.acceleration * self._dt
+        nominal = v_des + (1.0 - less / largest) * self._correction if largest > less else v_des
         if not lost.any():
             return Eased(spaces, nominal)
         theta = np.clip(-rows.h / parameters.recovery_depth, 0.0, 1.0)
-        zero = at_zero(replace(rows, h=np.maximum(rows.h, 0.0))).b
-        b = np.where(lost, np.minimum(spaces.b, zero + parameters.recovery_speed), spaces.b)
-        ramp = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
-        b = b - np.where(lost, theta * np.maximum(0.0, b - ramp), 0.0)
+        b = spaces.b.copy()
+        b[lost] = self._bounded(rows, spaces, condition, parameters, theta)[lost]
         v = self._compromise(spaces.A, b, lost, theta, nominal, metric(), limit)
         if v is not None:
-            b = np.where(lost, np.minimum(b, spaces.A @ v - ROUNDING), b)
+            b[lost] = np.minimum(b, spaces.A @ v - ROUNDING)[lost]
         return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
 
-    def _is_engaged(self, rows: BarrierRows, lost: Mask, parameters: RowParameters) -> bool:
-        if self._waited >= RELEASE and not (lost & (-rows.h > parameters.recovery_depth)).any():
-            return False
-        self._waited = 0.0 if lost.any() else self._waited + self._dt
-        return True
+    def _is_engaged(self, lost: Mask, deep: Mask) -> bool:
+        if lost.any() and (deep.any() or self._waited < RELEASE):
+            self._waited = 0.0
+        elif self._waited < RELEASE:
+            used_up = self._moved < SETTLED * self.settings.acceleration * self._dt
+            self._waited = RELEASE if used_up else self._waited + self._dt
+        return self._waited < RELEASE
+
+    def _bounded(
+        self,
+        rows: BarrierRows,
+        spaces: HalfSpaces,
+        condition: Callable[[BarrierRows], HalfSpaces],
+        parameters: RowParameters,
+        theta: Array,
+    ) -> Array:
+        """What lost rows may ask of the velocity, bounded in speed and acceleration, shape (n,)."""
+        speed = parameters.recovery_speed
+        at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0))).b
+        b = np.clip(spaces.b, theta * speed - rows.drift, at_zero + speed)
+        reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
+        return b - theta * np.maximum(0.0, b - reached)
 
     def _compromise(
         self, A: Array, b: Array, lost: Mask, theta: Array, nominal: Array, hessian: Array, limit: Array

@@ -124,7 +124,7 @@ class FilterTuning:
     base_linear: float = 2.0
     base_angular: float = 4.0
     recovery_stiffness: float = 20.0
-    recovery_acceleration: float = 5.0
+    recovery_acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in FAMILIES:

@@ -43,13 +43,15 @@ class SphereTracker:
         self._moving = velocity == "estimated"
         self.tracks = tuple(ObstacleTrack(settings) for _ in radii)
 
-    def observe(self, index: int, position: Array | None, stamp: float) -> bool:
+    def observe(self, index: int, position: Array | None, stamp: float, received: float | None = None) -> bool:
         """A measured position (3,) [m] of sphere ``index`` at ``stamp`` [s], or ``None`` where it was not seen.
+
+        It came in at ``received``, on the clock of :meth:`obstacles`; at its stamp, if that is not given.
 
         Returns:
             Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
         """
-        return self.tracks[index].measure(position, stamp)
+        return self.tracks[index].measure(position, stamp, received)
 
     def fault(self, stamp: float) -> str | None:
         """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""

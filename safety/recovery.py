@@ -49,6 +49,12 @@ from wbc.qp import UNBOUNDED, QpSolver, make_solver
 SOFT_ROWS = 64
 """So many lost rows are weighed against each other, the deepest; what the others ask for is cut to what comes of it."""
 
+SUDDEN = 0.2
+"""A deep row that the last command is short of by more than this share of its recovery speed is eased."""
+
+HELD = 0.2
+"""Share of its acceleration at which the nominal velocity may take over again as long as a row is lost."""
+
 SETTLED = 0.05
 """The last correction counts as used up once less than this share of what it may lose in a tick is lost,"""
 
@@ -73,7 +79,7 @@ class RecoverySettings:
     """
 
     stiffness: float = 20.0
-    acceleration: float = 5.0
+    acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -133,9 +139,10 @@ class Recovery:
             limit: shape (nv,) bounds on the size of the velocity.
         """
         lost = spaces.active & (rows.h < 0)
-        if not self._is_engaged(lost, lost & (-rows.h > parameters.recovery_depth)):
+        if not self._is_engaged(lost, rows, spaces, parameters):
             return None
         largest, less = float(np.abs(self._correction).max(initial=0.0)), self.settings.acceleration * self._dt
+        less *= HELD if lost.any() else 1.0
         nominal = v_des + (1.0 - less / largest) * self._correction if largest > less else v_des
         if not lost.any():
             return Eased(spaces, nominal)
@@ -147,12 +154,14 @@ class Recovery:
             b[lost] = np.minimum(b, spaces.A @ v - ROUNDING)[lost]
         return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
 
-    def _is_engaged(self, lost: Mask, deep: Mask) -> bool:
-        if lost.any() and (deep.any() or self._waited < RELEASE):
-            self._waited = 0.0
-        elif self._waited < RELEASE:
+    def _is_engaged(self, lost: Mask, rows: BarrierRows, spaces: HalfSpaces, parameters: RowParameters) -> bool:
+        if self._waited < RELEASE:
             used_up = self._moved < SETTLED * self.settings.acceleration * self._dt
-            self._waited = RELEASE if used_up else self._waited + self._dt
+            self._waited = 0.0 if lost.any() else RELEASE if used_up else self._waited + self._dt
+        elif lost.any():
+            sudden = spaces.b - spaces.A @ self._last > SUDDEN * parameters.recovery_speed
+            if (lost & sudden & (-rows.h > parameters.recovery_depth)).any():
+                self._waited = 0.0
         return self._waited < RELEASE
 
     def _bounded(

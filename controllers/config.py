@@ -105,7 +105,7 @@ class FilterTuning:
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
-        recovery_stiffness: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
+        recovery_weight: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
             bounds, see :mod:`safety.recovery`.
         recovery_acceleration: largest change of the nominal velocity meanwhile [rad/s^2, m/s^2], above 0.
     """
@@ -123,14 +123,14 @@ class FilterTuning:
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
-    recovery_stiffness: float = 20.0
+    recovery_weight: float = 20.0
     recovery_acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in FAMILIES:
             if not isinstance(getattr(self, name), FamilyParameters):
                 raise ConfigError(name, getattr(self, name), "parameters of a constraint family")
-        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight", "recovery_stiffness"):
+        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight", "recovery_weight"):
             require_non_negative(name, getattr(self, name))
         for name in ("velocity_scale", "base_linear", "base_angular", "recovery_acceleration"):
             require_positive(name, getattr(self, name))
@@ -142,9 +142,9 @@ class FilterTuning:
 
     def recovery(self) -> RecoverySettings | None:
         """How the filter comes back from behind a barrier; ``None`` for no bounds on it."""
-        if self.recovery_stiffness == 0:
+        if self.recovery_weight == 0:
             return None
-        return RecoverySettings(self.recovery_stiffness, self.recovery_acceleration)
+        return RecoverySettings(self.recovery_weight, self.recovery_acceleration)
 
 
 @dataclass(frozen=True, slots=True)

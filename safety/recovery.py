@@ -73,12 +73,12 @@ class RecoverySettings:
     """How a filter comes back from behind a barrier.
 
     Attributes:
-        stiffness: kappa, above 0: how much what lost rows ask for weighs against the change of velocity. A row alone
+        weight: kappa, above 0: how much what lost rows ask for weighs against the change of velocity. A row alone
             gets the share kappa / (kappa + 1) of it.
         acceleration: u, largest change of the nominal velocity per time [rad/s^2, m/s^2 for the base], above 0.
     """
 
-    stiffness: float = 20.0
+    weight: float = 20.0
     acceleration: float = 25.0
 
     def __post_init__(self) -> None:
@@ -186,7 +186,7 @@ class Recovery:
         soft = np.flatnonzero(lost)
         soft = soft[np.argsort(-theta[soft], kind="stable")[: self._soft]]
         length = np.vecdot(A[soft], np.linalg.solve(hessian, A[soft].T).T)
-        scale = np.sqrt(self.settings.stiffness / (theta[soft] * (length + SHORT)))
+        scale = np.sqrt(self.settings.weight / (theta[soft] * (length + SHORT)))
         others = np.where(lost, -UNBOUNDED, b)
         for held in (others, np.full_like(others, -UNBOUNDED)):
             v = self._solve(A, held, A[soft] * scale[:, None], b[soft] * scale, nominal, hessian, limit)

@@ -10,8 +10,12 @@ ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (1.0, 1.1, 1.2, 1.3, 1.4)
 VELOCITIES = ("zero", "estimated", "true")
 
+LAYERED = ("ssa", "rssa", "pssa", "sss")
+"""Filters that are shown with the papers' switch as well."""
+
 FILTER_COLUMNS = (
     column("filter", "filter"),
+    column("layer", "layer"),
     column("fell", "fell"),
     column("min_h_self_collision_m", "min h self-collision"),
     column("collision_ratio", "collision ratio"),
@@ -54,7 +58,9 @@ def safety_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
     groups: dict[str, tuple[list[RunOptions], tuple[Figure, ...]]] = {}
     for robot in ROBOTS:
         runs: list[RunOptions] = [
-            dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name)) for name in FILTERS
+            dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name, layer=layer))
+            for name in FILTERS
+            for layer in ((0.0, None) if name in LAYERED else (None,))
         ]
         groups[f"Every filter, {robot}, hand circles through the torso, +20 % mass, 12 s"] = (runs, FILTER_COLUMNS)
     heavier: list[RunOptions] = [

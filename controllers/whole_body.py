@@ -122,6 +122,7 @@ class WholeBodyController:
         """Start from a state at rest: the torques measured there are the first tau_prev."""
         self.kin.update(state.q, state.v)
         self.dynwbc.reset(state.tau)
+        self.filter.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""

@@ -45,8 +45,8 @@ class FilterOptions:
     """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
     families are set in the description's [tuning.safety] [m s/rad^2]."""
     layer: float | None = None
-    """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers' switch
-    at the margin; the robot's own tuning if not given [m, rad]."""
+    """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers'
+    switch at the margin; the robot's own tuning if not given [m, rad]."""
 
 
 @dataclass(frozen=True)

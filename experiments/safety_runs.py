@@ -4,18 +4,16 @@ import dataclasses
 
 from experiments.figures import Figure, column
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions
+from experiments.session import LAYERED
 from safety.filters import FILTERS
 
 ROBOTS = ("g1", "tocabi")
 MASS_SCALES = (1.0, 1.1, 1.2, 1.3, 1.4)
 VELOCITIES = ("zero", "estimated", "true")
 
-LAYERED = ("ssa", "rssa", "pssa", "sss")
-"""Filters that are shown with the papers' switch as well."""
-
 FILTER_COLUMNS = (
     column("filter", "filter"),
-    column("layer", "layer"),
+    Figure("layer", "layer", "mm", 1e3),
     column("fell", "fell"),
     column("min_h_self_collision_m", "min h self-collision"),
     column("collision_ratio", "collision ratio"),

@@ -37,6 +37,9 @@ STANDARD_NOISE = SensorNoise(
 )
 """Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
 
+LAYERED = ("ssa", "rssa", "pssa", "sss")
+"""Filters whose conditions switch on at a margin, and may do so over a layer."""
+
 MAX_STEPS = 600_000
 """Most physics steps of one run; each leaves about 2 kB behind."""
 
@@ -196,6 +199,7 @@ def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, su
         "mass_scale": options.plant.mass_scale,
         "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
         "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
+        "layer": control.safety.self_collision.layer if control.filter in LAYERED else None,
         "seed": options.seed,
         "pushes": [f"{p.force:.3g} N towards {p.direction:.3g} deg at {p.time:.3g} s" for p in scenario.pushes],
         "stop_cause": supervisor.cause,

@@ -133,8 +133,8 @@ def follow(
     Returns:
         By name, a row per ``TICK``: ``time`` [s]; ``true``, ``estimate`` (n, 6), position [m] and velocity [m/s];
         ``raw`` (n, 3), the last measurement [m]; ``sigma`` (n, 6), standard deviations; ``nees``; ``nis``, NaN where
-        nothing was measured; ``step`` (n, 3), change of the estimated velocity since the row before [m/s], 0 in the first;
-        ``rejected`` (n,), count.
+        nothing was measured; ``step`` (n, 3), change of the estimated velocity since the row before [m/s], 0 in the
+        first; ``rejected`` (n,), count.
     """
     track, sensor = ObstacleTrack(settings), PositionSensor(rate, NOISE, np.random.default_rng([seed, 2]))
     rows: list[dict[str, Any]] = []

@@ -13,9 +13,9 @@ What is left of a promise in discrete time: with the velocity held for a step dt
   for :math:`\lambda\,dt \le 1`: :math:`h_k \ge d_{min} - \max(dt\,V,\; c\,dt/(2\lambda))`.
 - SSA with a boundary layer of width w sees its rows from afar and is, for :math:`h \ge d_{min} - w`, the CBF with
   :math:`\alpha = \eta/w`. So for :math:`\eta\,dt \le w` and :math:`c\,dt \le 2\eta`, from :math:`h_0 \ge d_{min}` on
-  :math:`h_k \ge d_{min} - c\,dt\,w/(2\eta)`, which is inside the layer; V does not enter, and no margin is needed for it.
-  From below the layer each step raises h by :math:`\eta\,dt - \tfrac12 c\,dt^2` or more until it is in it. SSS with a
-  layer is the CBF with :math:`\alpha = \lambda` and its margin.
+  :math:`h_k \ge d_{min} - c\,dt\,w/(2\eta)`, which is inside the layer; V does not enter, and no margin is needed for
+  it. From below the layer each step raises h by :math:`\eta\,dt - \tfrac12 c\,dt^2` or more until it is in it. SSS with
+  a layer is the CBF with :math:`\alpha = \lambda` and its margin.
 - SMA and PFM hold one row at a time and promise nothing about the others.
 
 V counts what moves by itself: an obstacle's own speed, along the normal, adds to the robot's.
@@ -214,8 +214,8 @@ def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
 
     .. math:: h(t) \ge d_{min} - w\,\delta/\eta \quad\text{from}\quad h(0) \ge d_{min} - w\,\delta/\eta,
 
-    for there :math:`\dot h \ge \eta (d_{min} - h)/w - \delta`, which is 0 on that boundary. From below the layer h is in
-    it after :math:`(d_{min} - w - h(0))/(\eta - \delta)` at the latest. The paper's switch comes back to the margin
+    for there :math:`\dot h \ge \eta (d_{min} - h)/w - \delta`, which is 0 on that boundary. From below the layer h is
+    in it after :math:`(d_{min} - w - h(0))/(\eta - \delta)` at the latest. The paper's switch comes back to the margin
     itself in a finite time; with the layer h comes as close as :math:`w\,\delta/\eta` to it, exponentially.
 
     Source: eqs. (6b), (9b), (10b), (12b) of the p-SSA paper, eq. (5) of SPARK; the layer: Slotine and Li, Applied

@@ -82,8 +82,8 @@ class SafetyFilter:
         order: 1, the input is a velocity; 2, it is an acceleration.
         velocity_max: shape (nv,) bounds on the velocity after a step, order 2 only; ``None`` for none.
         dt: that step [s], above 0; order 2, and recovery.
-        recovery: how to come back from behind a barrier, see :mod:`safety.recovery`, order 1 and filters that solve a QP
-            only; ``None``: the conditions are as strict there as anywhere.
+        recovery: how to come back from behind a barrier, see :mod:`safety.recovery`; only for order 1 and filters that
+            solve a QP. ``None``: the conditions are as strict there as anywhere.
 
     Raises:
         ConfigError: unknown filter or option, a filter of another order, a negative weight, or a bound that is not
@@ -175,11 +175,17 @@ class SafetyFilter:
             if not cause and self.kind.condition is None:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := cause or self._prepare(rows.family):
+                self.reset()
                 return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
             result = self._filter(rows, v_des, (feet, balance, hands), velocity)
         if self._recovery is not None:
             self._recovery.note(v_des, result.v)
         return result
+
+    def reset(self) -> None:
+        """The robot is at rest: no command is left to go on from."""
+        if self._recovery is not None:
+            self._recovery.reset()
 
     def _filter(
         self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
@@ -214,8 +220,8 @@ class SafetyFilter:
         if self._recovery is None:
             return None
         p = self._row_parameters
-        condition, metric = partial(CONDITIONS[self.name], parameters=p), partial(self._metric, jacobians)
-        return self._recovery.ease(rows, spaces, condition, p, v_des, metric, self._limit)
+        metric = partial(self._metric, jacobians)
+        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], p, v_des, metric, self._limit)
 
     def _objection(
         self,

@@ -1,11 +1,12 @@
 r"""The way out of a barrier that is broken: at a bounded speed, by commands that change at a bounded rate.
 
-Where :math:`h_i < 0` there is no invariance to keep, only a return, and what the conditions ask for there has no bound: a
+Where :math:`h_i < 0` there is no invariance to keep, only a return, and what conditions ask for there has no bound: a
 start 11 cm inside asks for 0.7 m/s at once, and bodies that deep overlap with several others, whose rows all but
-contradict each other; what meets them all is tens of rad/s. So once a row is deeper than its *recovery depth*
-:math:`d_i`, what rows with :math:`h_i < 0` ask for is eased. Rows with :math:`h_i \ge 0` are left as they are, and go
-before the others. With :math:`D_i(h)` what the condition asks of :math:`\dot h_i`, v' the last command and
-:math:`\theta_i = \min(1, -h_i / d_i)`:
+contradict each other: what meets them all is tens of rad/s. So where a row below its *recovery depth*,
+:math:`h_i < -d_i`, asks for something sudden (``SUDDEN``), what rows with :math:`h_i < 0` ask for is eased, until none
+is left and what came of it is used up. A row that sinks as deep while the command does what is asked eases nothing.
+Rows with :math:`h_i \ge 0` are left as they are, and go before the others. With :math:`D_i(h)` what the condition asks
+of :math:`\dot h_i`, v' the last command and :math:`\theta_i = \min(1, -h_i / d_i)`:
 
 .. math::
     D_i' &= \min(\max(D_i(h_i),\; \theta_i r_i),\; D_i(0) + r_i) \\
@@ -13,26 +14,30 @@ before the others. With :math:`D_i(h)` what the condition asks of :math:`\dot h_
     v^r &= \arg\min_v \|v - \bar v\|_H^2 + \sum_{h_i < 0} \frac{\kappa}{\theta_i J_i H^{-1} J_i^T}
         \max(0,\; D_i'' - J_i v - \partial_t h_i)^2
 
-with the rows of :math:`h_i \ge 0` as constraints. The nominal velocity :math:`\bar v` is :math:`v^{des}` and what was left
-of the last correction :math:`w' = v' - v^{des\prime}`, shrunk so that no entry of it loses more than :math:`u\,dt`. The
-filter is then given :math:`\bar v`, and asks :math:`\min(D_i'', J_i v^r + \partial_t h_i)` of the lost rows. So
+with the rows of :math:`h_i \ge 0` as constraints. The nominal velocity :math:`\bar v` is :math:`v^{des}` and what is
+left of the last correction, :math:`w' = v' - v^{des\prime}`, after its largest entry has lost :math:`u\,dt` (a share of
+that, ``HELD``, while a row is lost). The filter is then given :math:`\bar v`, and asks
+:math:`\min(D_i'', J_i v^r + \partial_t h_i)` of the lost rows. So
 
-- nothing is asked to leave faster than :math:`D_i(0) + r_i`, nor to become faster by more than :math:`a_i\,dt` a tick;
-- v' meets the lost rows to within :math:`a_i\,dt`, so as far as the rows of :math:`h_i \ge 0` and turns of :math:`J_i`
-  leave it alone the command moves by at most
+- nothing is asked to leave faster than :math:`D_i(0) + r_i`, nor to become faster by more than :math:`a_i\,dt` a tick
+  once it is deeper than :math:`d_i`;
+- v' meets those rows to within :math:`a_i\,dt`, so as far as turns of :math:`J_i` and the rows that hold leave it alone
+  the command moves by at most
   :math:`\|v - v'\|_H \le 2 \|\bar v - v'\|_H + (\kappa \sum_i (a_i\,dt)^2 / (\theta_i J_i H^{-1} J_i^T))^{1/2}` a tick,
   however much the lost rows contradict each other;
 - what the rows ask for is continuous in h, and for :math:`h_i \to 0` a row is as hard as any.
 
 What the return keeps, for any filter: where a row is alone or agrees with the others, and
-:math:`J_i (\bar v - v') \ge -U\,dt` with :math:`U < \kappa a`, its rate grows by :math:`(\kappa a - U)/(\kappa + 1)` until it is
+:math:`J_i (\bar v - v') \ge -U\,dt` with :math:`U < \kappa a`, its rate grows by :math:`(\kappa a - U)/(\kappa + 1)`
+until it is
 
 .. math:: \dot h \ge \theta\, r',\qquad r' = r - U\,dt/\kappa
 
-to a share of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-d` after :math:`h_0/r' + r(\kappa + 1)/(\kappa
-a - U)` at the latest, and comes closer as :math:`e^{-r' t/d}` or faster. A velocity that is followed to within
-:math:`\delta` (in the rate of h) brings it to :math:`-d\,\delta/r'`. Rows that contradict each other share what can be had,
-in the least squares' sense: of these nothing is promised but the bounds above.
+to a share of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-d` after
+:math:`h_0/r' + r(\kappa + 1)/(\kappa a - U)` at the latest, and comes closer as :math:`e^{-r' t/d}` or faster. A
+velocity that is followed to within :math:`\delta < r'` (in the rate of h) brings it to :math:`-d\,\delta/r'`. Rows
+that contradict each other share what can be had, in the least squares' sense: of these nothing is promised but the
+bounds above. r-SSA relaxes what is asked by its own price on top, as it does everywhere.
 """
 
 from collections.abc import Callable
@@ -106,9 +111,14 @@ class Recovery:
         """For ``nv`` variables, ``n_rows`` rows and a tick of ``dt`` [s]; the last command is rest."""
         self.settings, self._dt = settings, dt
         self._soft, self._n_rows = min(SOFT_ROWS, n_rows), n_rows
-        self._last, self._correction = np.zeros(nv), np.zeros(nv)
+        self._last = self._correction = np.zeros(nv)
         self._moved, self._waited = 0.0, RELEASE
         self._solver: QpSolver | None = None
+
+    def reset(self) -> None:
+        """The last command is rest, and no row was lost."""
+        self._last = self._correction = np.zeros_like(self._last)
+        self._moved, self._waited = 0.0, RELEASE
 
     def note(self, v_des: Array, v: Array) -> None:
         """The nominal velocity (nv,), and the command (nv,) that was given in the end; both of an earlier tick."""
@@ -121,7 +131,7 @@ class Recovery:
         self,
         rows: BarrierRows,
         spaces: HalfSpaces,
-        condition: Callable[[BarrierRows], HalfSpaces],
+        condition: Callable[[BarrierRows, RowParameters], HalfSpaces],
         parameters: RowParameters,
         v_des: Array,
         metric: Callable[[], Array],
@@ -168,13 +178,13 @@ class Recovery:
         self,
         rows: BarrierRows,
         spaces: HalfSpaces,
-        condition: Callable[[BarrierRows], HalfSpaces],
+        condition: Callable[[BarrierRows, RowParameters], HalfSpaces],
         parameters: RowParameters,
         theta: Array,
     ) -> Array:
         """What lost rows may ask of the velocity, bounded in speed and acceleration, shape (n,)."""
         speed = parameters.recovery_speed
-        at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0))).b
+        at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
         b = np.clip(spaces.b, theta * speed - rows.drift, at_zero + speed)
         reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
         return b - theta * np.maximum(0.0, b - reached)
@@ -185,7 +195,11 @@ class Recovery:
         """The velocity (nv,) that weighs the lost rows against each other; ``None`` where the solver has no answer."""
         soft = np.flatnonzero(lost)
         soft = soft[np.argsort(-theta[soft], kind="stable")[: self._soft]]
-        length = np.vecdot(A[soft], np.linalg.solve(hessian, A[soft].T).T)
+        try:
+            length = np.vecdot(A[soft], np.linalg.solve(hessian, A[soft].T).T)
+        except np.linalg.LinAlgError:
+            # weights too large to reckon with
+            return None
         scale = np.sqrt(self.settings.weight / (theta[soft] * (length + SHORT)))
         others = np.where(lost, -UNBOUNDED, b)
         for held in (others, np.full_like(others, -UNBOUNDED)):

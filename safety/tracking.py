@@ -34,7 +34,7 @@ class TrackerSettings:
         initial_acceleration: standard deviation of the unknown initial acceleration of that model [m/s^2].
         gate: probability with which a measurement that agrees with the model is accepted, above 0; 1 accepts all.
         max_rejections: so many measurements in a row outside the gate restart the track from these, 1 or more.
-        blending: what a measurement changes is fed in evenly over this time [s]; 0: at once. See :class:`ObstacleTrack`.
+        blending: time over which what a measurement changes is fed in [s]; 0: at once, see :class:`ObstacleTrack`.
         max_ahead: a track that has come further than this beyond the asked stamp is refused [s]: sensor and
             controller may differ by so much about what time it is.
     """
@@ -112,12 +112,12 @@ class ObstacleTrack:
         self._outside: list[tuple[Array, float]] = []
         self._received = -math.inf
         # by how much what was handed out differed from the filter's state, and its covariance, at the last measurement
-        self._hand_out_state()
+        self._offset, self._excess = self._nothing_left()
         self.accepted = self.rejected = self.restarts = 0
         self.nis = math.nan
 
     def measure(self, position: Array | None, stamp: float, received: float | None = None) -> bool:
-        """Take in one measured position (3,) [m] taken at ``stamp`` [s], which came in at ``received`` (not given: then).
+        """Take in a position (3,) [m] measured at ``stamp`` [s], which came in at ``received`` (not given: then).
 
         ``None`` is a measurement that is missing: time passes, and the track grows older.
 
@@ -156,7 +156,7 @@ class ObstacleTrack:
         self._accepted_at = stamp
         if self._filter is None:
             self._filter = self._started(z)
-            self._hand_out_state()
+            self._offset, self._excess = self._nothing_left()
             return
         left = self._left(received)
         handed_out, covariance = self._filter.x + left * self._offset, self._filter.P + left**2 * self._excess
@@ -171,9 +171,9 @@ class ObstacleTrack:
         blending = self.settings.blending
         return min(max(1.0 - (t - self._received) / blending, 0.0), 1.0) if blending > 0 else 0.0
 
-    def _hand_out_state(self) -> None:
-        """From now on the filter's state is what is handed out, without a transition."""
-        self._offset, self._excess = np.zeros((self._order, 3)), np.zeros((self._order, self._order))
+    def _nothing_left(self) -> tuple[Array, Array]:
+        """Offset and excess where the filter's state is what is handed out."""
+        return np.zeros((self._order, 3)), np.zeros((self._order, self._order))
 
     def _started(self, z: Array) -> KalmanFilter:
         s = self.settings
@@ -192,7 +192,7 @@ class ObstacleTrack:
             self._advance(stamp)
             self._accept(z, stamp, stamp)
         # the track was wrong: no way leads from there
-        self._hand_out_state()
+        self._offset, self._excess = self._nothing_left()
         self.restarts += 1
 
     def _advance(self, stamp: float) -> None:

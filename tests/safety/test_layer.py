@@ -1,4 +1,4 @@
-"""The boundary layer of SSA and its kin: what it asks for, that it is continuous, and what a bounded error does to it."""
+"""The boundary layer of SSA and its kin: what it asks for, its continuity, and what a bounded error does to it."""
 
 import numpy as np
 import pytest

@@ -15,7 +15,13 @@ from safety.rows import FAMILIES, BarrierRows
 DT, ALPHA, DEPTH, SPEED, ACCELERATION = 0.002, 4.0, 0.005, 0.25, 2.0
 SETTINGS = RecoverySettings()
 FAMILY = FamilyParameters(
-    alpha=ALPHA, recovery_depth=DEPTH, recovery_speed=SPEED, recovery_acceleration=ACCELERATION, layer=0.005, eta=0.1, slack_weight=1e5
+    alpha=ALPHA,
+    recovery_depth=DEPTH,
+    recovery_speed=SPEED,
+    recovery_acceleration=ACCELERATION,
+    layer=0.005,
+    eta=0.1,
+    slack_weight=1e5,
 )
 PARAMETERS = BarrierParameters(**dict.fromkeys(FAMILIES, FAMILY))
 QPS = ("cbf", "issf", "ssa", "rssa", "pssa", "sss")
@@ -23,7 +29,9 @@ QPS = ("cbf", "issf", "ssa", "rssa", "pssa", "sss")
 
 def rows_of(h: Array, jac: Array, drift: Array | None = None) -> BarrierRows:
     n = len(h)
-    return BarrierRows(np.array(h, dtype=float), jac, np.zeros(n) if drift is None else drift, np.ones(n, dtype=np.intp))
+    return BarrierRows(
+        np.array(h, dtype=float), jac, np.zeros(n) if drift is None else drift, np.ones(n, dtype=np.intp)
+    )
 
 
 def filter_of(n: int, nv: int, name: str = "cbf", recovery: RecoverySettings | None = SETTINGS) -> SafetyFilter:
@@ -118,11 +126,7 @@ def test_only_what_lost_rows_ask_for_changes_and_continuously(seed: int) -> None
     rows = rows_of(h, jac, drift)
     spaces = cbf(rows, p)
     b, A = spaces.b.copy(), spaces.A.copy()
-
-    def condition(r: BarrierRows) -> object:
-        return cbf(r, p)
-
-    eased = recovery.ease(rows, spaces, condition, p, np.zeros(nv), lambda: np.eye(nv), np.full(nv, 20.0))  # type: ignore[arg-type]
+    eased = recovery.ease(rows, spaces, cbf, p, np.zeros(nv), lambda: np.eye(nv), np.full(nv, 20.0))
     assert eased is not None
     np.testing.assert_array_equal(spaces.b, b)
     np.testing.assert_array_equal(eased.spaces.A, A)

@@ -38,7 +38,8 @@ WARM_UP = 100
 def bench(options: BenchOptions) -> int:
     """Measure what was asked for; returns 0."""
     of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
+    of_none = (*of_tick, "filters", "ticks")
+    unused = {"tick": ("filters",), "filters": of_tick, "tracking": of_none, "recovery": of_none}[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
@@ -52,6 +53,10 @@ def bench(options: BenchOptions) -> int:
         from experiments.tracking import tracking
 
         return tracking(options.out)
+    if options.what == "recovery":
+        from experiments.recovery import recovery
+
+        return recovery(options.out)
     return bench_tick(options)
 
 

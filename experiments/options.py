@@ -218,10 +218,10 @@ class BenchOptions:
     tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
     same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
     conditions can be met and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated
-    velocity is worth to the filter.
+    velocity is worth to the filter. recovery: how filters leave a start with the arms inside the torso.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "filters", "tracking"]]
+    what: tyro.conf.Positional[Literal["tick", "filters", "tracking", "recovery"]]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
     """Only with tick: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
@@ -234,7 +234,7 @@ class BenchOptions:
     solver: str = "daqp"
     """Only with tick: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
-    """Write the figures as JSON to this file too; of tracking also a plot, as PNG beside it."""
+    """Write the figures as JSON to this file too; of tracking and recovery also a plot, as PNG beside it."""
 
 
 @dataclass(frozen=True)

@@ -209,20 +209,30 @@ def _rms(vectors: Array) -> float:
 
 
 def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> bytes:
-    """Estimated against true velocity of the three motions, one coordinate; a PNG."""
+    """Estimated against true velocity of the three motions, one coordinate, and a part of it up close; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
     from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
 
-    drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
-    axes = drawing.subplots(3, 1, sharex=True)
-    for axis, (name, motion) in zip(axes, study_motions(seed).items(), strict=True):
+    drawing = Drawing(figsize=(WIDTH, 9.6), dpi=DPI, layout="constrained")
+    axes = drawing.subplots(4, 1)
+    motions = study_motions(seed)
+    for axis, (name, motion) in zip(axes, motions.items(), strict=False):
         for model, colour in zip(MODELS, FILTERED, strict=False):
             settings = TrackerSettings(position_noise=NOISE, model=model)
             series = follow(motion, rate, settings, seed, duration)
             axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
         axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
         axis.set_title(name, fontsize=9, color=INK, fontweight="bold")
+    for blending, style in ((TrackerSettings.blending, "-"), (0.0, ":")):
+        settings = TrackerSettings(position_noise=NOISE, blending=blending)
+        series = follow(motions["circular"], rate, settings, seed, duration)
+        words = "measurements fed in" if blending else "measurements at once"
+        axes[3].plot(series["time"], series["estimate"][:, 3], color=FILTERED[0], lw=1.1, ls=style, label=words)
+    axes[3].set(xlim=(2.0, 2.3), ylim=(-0.6, 0.1))
+    axes[3].set_title("circular, constant velocity, up close", fontsize=9, color=INK, fontweight="bold")
+    axes[3].legend(frameon=False, fontsize=8)
+    for axis in axes:
         axis.set_ylabel("velocity, x [m/s]", fontsize=8.5, color=INK)
         axis.grid(True, color=GRID, lw=0.8)
         axis.tick_params(colors=INK, labelsize=8, length=0)

@@ -224,7 +224,7 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
             axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
         axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
         axis.set_title(name, fontsize=9, color=INK, fontweight="bold")
-    for blending, style in ((TrackerSettings.blending, "-"), (0.0, ":")):
+    for blending, style in ((TrackerSettings().blending, "-"), (0.0, ":")):
         settings = TrackerSettings(position_noise=NOISE, blending=blending)
         series = follow(motions["circular"], rate, settings, seed, duration)
         words = "measurements fed in" if blending else "measurements at once"

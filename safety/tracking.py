@@ -48,7 +48,7 @@ class TrackerSettings:
     initial_acceleration: float = 1.0
     gate: float = 0.99999
     max_rejections: int = 5
-    blending: float = 0.008
+    blending: float = 0.006
     max_ahead: float = 0.02
 
     def __post_init__(self) -> None:

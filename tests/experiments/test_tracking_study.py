@@ -86,11 +86,11 @@ def test_followed_series_is_of_the_motion_and_of_the_sensor() -> None:
     assert np.flatnonzero(due).tolist() == list(range(0, 750, 10))
     # the raw position is held from one measurement to the next
     np.testing.assert_array_equal(series["raw"][due].repeat(10, axis=0), series["raw"])
-    # with this model the estimated velocity changes by measurements alone: evenly over four ticks, then it is constant
+    # with this model the estimated velocity changes by measurements alone: evenly over three ticks, then it is constant
     np.testing.assert_array_equal(series["step"][1:], np.diff(series["estimate"][:, 3:], axis=0))
     steps = series["step"].reshape(75, 10, 3)
-    np.testing.assert_allclose(steps[:, 2:5], steps[:, 1:2].repeat(3, axis=1), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(steps[:, 5:], 0.0, atol=1e-12)
+    np.testing.assert_allclose(steps[:, 2:4], steps[:, 1:2].repeat(2, axis=1), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(steps[:, 4:], 0.0, atol=1e-12)
     np.testing.assert_allclose(steps[:, 0], 0.0, atol=1e-12)
     assert (np.abs(steps[1:, 1]).max(axis=1) > 0).all()
     error = series["estimate"][-1] - series["true"][-1]

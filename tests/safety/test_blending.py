@@ -9,7 +9,7 @@ from robots.errors import ConfigError
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _process_noise, _transition
 
-BLENDING, PERIOD, TICK = 0.008, 1 / 60, 0.002
+BLENDING, PERIOD, TICK = TrackerSettings().blending, 1 / 60, 0.002
 SETTINGS = TrackerSettings(position_noise=0.005, blending=BLENDING, gate=1.0)
 
 
@@ -62,7 +62,7 @@ def test_afterwards_it_is_the_filter_s_own_estimate(settings: TrackerSettings) -
 def test_missing_measurements_do_not_hold_it_up(settings: TrackerSettings) -> None:
     (one, _, last), (many, _, _) = pair(settings), pair(settings)
     for i in range(1, 8):
-        t = last + i * 0.001
+        t = last + i * BLENDING / 8
         many.measure(None, t)
         np.testing.assert_allclose(state(many, t), state(one, t), rtol=0, atol=1e-12)
         np.testing.assert_allclose(many.covariance(t), one.covariance(t), rtol=1e-9, atol=1e-15)

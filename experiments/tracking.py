@@ -229,7 +229,7 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
         series = follow(motions["circular"], rate, settings, seed, duration)
         words = "measurements fed in" if blending else "measurements at once"
         axes[3].plot(series["time"], series["estimate"][:, 3], color=FILTERED[0], lw=1.1, ls=style, label=words)
-    axes[3].set(xlim=(2.0, 2.3), ylim=(-0.6, 0.1))
+    axes[3].set(xlim=(2.0, 2.3), ylim=(0.25, 0.65))
     axes[3].set_title("circular, constant velocity, up close", fontsize=9, color=INK, fontweight="bold")
     axes[3].legend(frameon=False, fontsize=8)
     for axis in axes:

@@ -144,7 +144,7 @@ def follow(
         measured = sensor.measure(truth[:3], t)
         nis = np.nan
         if measured is not None:
-            track.measure(measured, t)
+            track.measure(measured, t, t - TICK)
             raw, nis = measured, track.nis
         estimate = np.concatenate(track.estimate(t))
         step = estimate[3:] - rows[-1]["estimate"][3:] if rows else np.zeros(3)

@@ -48,7 +48,7 @@ class TrackerSettings:
     initial_acceleration: float = 1.0
     gate: float = 0.99999
     max_rejections: int = 5
-    blending: float = 0.006
+    blending: float = 0.01
     max_ahead: float = 0.02
 
     def __post_init__(self) -> None:
@@ -83,9 +83,10 @@ class ObstacleTrack:
     .. math:: y(t) = F(t - t_k)\,(x_k + (1 - \beta)(y_k^- - x_k)),\qquad \beta = \min(1, (t - t_k^{in}) / T)
 
     with x_k the filter's state after the measurement at t_k, and y_k^- what would have been handed out for t_k without
-    it. That delays the news by T/2, or (T + dt)/2 where it is asked for at ticks of dt, at which the measurements come
-    in; the motion as it was known goes on without delay. For a filter whose model holds x_k errs independently of all
-    that was measured, so the covariance of the error is known as well:
+    it. Until the next tick nothing is handed out, so :math:`t_k^{in}` may be the tick before the measurement came:
+    then a controller of period dt has its news (T - dt)/2 later than at once. The motion as it was known goes on
+    without delay. For a filter whose model holds x_k errs independently of all that was measured, so the covariance of
+    the error is known as well:
 
     .. math:: \Sigma(t) = F (P_k + (1 - \beta)^2 (\Sigma_k^- - P_k)) F^T + Q
 
@@ -117,7 +118,7 @@ class ObstacleTrack:
         self.nis = math.nan
 
     def measure(self, position: Array | None, stamp: float, received: float | None = None) -> bool:
-        """Take in a position (3,) [m] measured at ``stamp`` [s], which came in at ``received`` (not given: then).
+        """Take in a position (3,) [m] measured at ``stamp`` [s]; it is fed in from ``received`` on (not given: then).
 
         ``None`` is a measurement that is missing: time passes, and the track grows older.
 

@@ -68,18 +68,18 @@ def test_missing_measurements_do_not_hold_it_up(settings: TrackerSettings) -> No
         np.testing.assert_allclose(many.covariance(t), one.covariance(t), rtol=1e-9, atol=1e-15)
 
 
-def test_a_step_of_the_velocity_is_seen_half_the_blending_and_half_a_tick_later() -> None:
+def test_a_controller_has_its_news_half_the_blending_less_half_a_tick_later() -> None:
     """The delay of the response to news is that of its centre, ticks included: at most 5 ms at 500 Hz."""
     track, at_once, last = pair(SETTINGS, count=200)
     stamp = last + PERIOD
     for t in (track, at_once):
-        assert t.measure(state(t, stamp)[:3] + 0.05, stamp)
-    ticks = stamp + TICK * np.arange(8)
+        assert t.measure(state(t, stamp)[:3] + 0.05, stamp, stamp - TICK)
+    ticks = stamp + TICK * np.arange(-1, 8)
     velocity = np.array([state(track, t)[3] for t in ticks])
     jump = state(at_once, stamp)[3] - velocity[0]
     assert velocity[-1] - velocity[0] == pytest.approx(jump, rel=1e-9)
     delay = np.sum(np.diff(velocity) / jump * (ticks[1:] - stamp))
-    assert delay == pytest.approx((BLENDING + TICK) / 2, abs=1e-9)
+    assert delay == pytest.approx((BLENDING - TICK) / 2, abs=1e-9)
     assert delay <= 0.005 + 1e-12
 
 

@@ -105,6 +105,8 @@ class WholeBodyController:
             safety.balance_weight,
             safety.hand_weight,
             config.infeasible,
+            dt=config.dt,
+            recovery=safety.recovery(),
         )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         count = self.barriers.size if self.acceleration_filter else 0
@@ -147,6 +149,7 @@ class WholeBodyController:
         self.kin.update(state.q, state.v)
         self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
+        self.filter.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""

@@ -36,6 +36,7 @@ WARM_UP = 100
 """Ticks run and not counted."""
 
 OF_TICK = ("robots", "filter", "solver")
+OF_NONE = (*OF_TICK, "filters", "ticks")
 
 BENCHMARKS = {
     "tick": ("bench", "bench_tick", ("filters",)),
@@ -45,7 +46,8 @@ BENCHMARKS = {
     "loop": ("bench_loop", "bench_loop", ("filters", "solver", "ticks")),
     "filters": ("filter_bench", "bench_filters", OF_TICK),
     "peers": ("bench_peers", "bench_peers", (*OF_TICK, "filters")),
-    "tracking": ("tracking", "bench_tracking", (*OF_TICK, "filters", "ticks")),
+    "tracking": ("tracking", "bench_tracking", OF_NONE),
+    "recovery": ("recovery", "bench_recovery", OF_NONE),
 }
 """Module and function of each benchmark, and the options that it does not use."""
 

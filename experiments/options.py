@@ -44,6 +44,9 @@ class FilterOptions:
     epsilon: float | None = None
     """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
     families are set in the description's [tuning.safety] [m s/rad^2]."""
+    layer: float | None = None
+    """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers'
+    switch at the margin; the robot's own tuning if not given [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -219,10 +222,13 @@ class BenchOptions:
     filter over the same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35
     variables, where the conditions can be met and where they cannot. peers: inverse kinematics with self-collision
     avoidance of the G1, by us, mink and pink; the extra bench installs the others. tracking: how well moving obstacles
-    are tracked, and what the estimated velocity is worth to the filter.
+    are tracked, and what the estimated velocity is worth to the filter. recovery: how filters leave a start with the
+    arms inside the torso.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "first", "rows", "worst", "loop", "filters", "peers", "tracking"]]
+    what: tyro.conf.Positional[
+        Literal["tick", "first", "rows", "worst", "loop", "filters", "peers", "tracking", "recovery"]
+    ]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
     """Only with tick, first, rows, worst and loop: robots to measure: g1, tocabi, or paths of .toml descriptions, but
@@ -237,7 +243,7 @@ class BenchOptions:
     solver: str = "daqp"
     """Only with tick, rows and worst: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
-    """Write the figures as JSON to this file too; of tracking also a plot, as PNG beside it."""
+    """Write the figures as JSON to this file too; of tracking and recovery also a plot, as PNG beside it."""
 
 
 @dataclass(frozen=True)

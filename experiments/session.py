@@ -25,6 +25,7 @@ from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
+from safety.rows import FAMILIES
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 STANDARD_NOISE = SensorNoise(
@@ -36,6 +37,9 @@ STANDARD_NOISE = SensorNoise(
     base_angular_velocity=0.005,
 )
 """Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
+
+LAYERED = ("ssa", "rssa", "pssa", "sss")
+"""Filters whose conditions switch on at a margin, and may do so over a layer."""
 
 MAX_STEPS = 600_000
 """Most physics steps of one run; each leaves 2 to 4 kB behind."""
@@ -68,9 +72,12 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     """Changes to a robot's controller configuration that the filter's options ask for.
 
     Raises:
-        ConfigError: alpha or epsilon is not positive and finite.
+        ConfigError: alpha or epsilon is not positive and finite, or the layer not 0 or above.
     """
     safety = controller_config(robot).safety
+    if options.layer is not None:
+        families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
+        safety = dataclasses.replace(safety, **families)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
     return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
@@ -205,6 +212,7 @@ def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, su
         "mass_scale": options.plant.mass_scale,
         "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
         "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
+        "layer": control.safety.self_collision.layer if control.filter in LAYERED else None,
         "seed": options.seed,
         "pushes": [f"{p.force:.3g} N towards {p.direction:.3g} deg at {p.time:.3g} s" for p in scenario.pushes],
         "stop_cause": supervisor.cause,

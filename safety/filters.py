@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from safety.filter_inputs import wrong_shape
 from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
 from safety.kernels import all_numbers, room
+from safety.recovery import Eased, Recovery, RecoverySettings
 from safety.resolutions import (
     INFEASIBLE,
     CartesianPush,
@@ -27,6 +29,9 @@ from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.second_order import acceleration_bounds, ecbf_rows, index_rows, without_margin
 from safety.working_set import Problem
 from wbc.qp import UNBOUNDED
+
+QPS = ("qp", "two_phase", "slack_qp")
+"""Resolutions that solve a QP."""
 
 __all__ = [
     "ACTIVE",
@@ -76,7 +81,9 @@ class SafetyFilter:
         max_age: inputs older than this are refused [s], above 0.
         order: 1, the input is a velocity; 2, it is an acceleration.
         velocity_max: shape (nv,) bounds on the velocity after a step, order 2 only; ``None`` for none.
-        dt: that step [s], above 0; order 2 only.
+        dt: that step [s], above 0; order 2, and recovery.
+        recovery: how to come back from behind a barrier, see :mod:`safety.recovery`; only for order 1 and filters that
+            solve a QP. ``None``: the conditions are as strict there as anywhere.
 
     Raises:
         ConfigError: unknown filter or option, a filter of another order, a negative weight, or a bound that is not
@@ -97,6 +104,7 @@ class SafetyFilter:
         order: int = 1,
         velocity_max: Array | None = None,
         dt: float = 0.002,
+        recovery: RecoverySettings | None = None,
     ) -> None:
         require_one_of("filter", name, FILTERS)
         self.kind = KINDS[name]
@@ -129,6 +137,9 @@ class SafetyFilter:
         self._velocity_max = None if velocity_max is None else np.array(velocity_max)
         self._identity = np.eye(self._nv)
         self._family: bytes | None = None
+        self._recovery: Recovery | None = None
+        if recovery is not None and order == 1 and self.kind.resolution in QPS:
+            self._recovery = Recovery(self._nv, n_rows, recovery, dt)
 
     def apply(
         self,
@@ -164,8 +175,17 @@ class SafetyFilter:
             if not cause and self.kind.condition is None:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := cause or self._prepare(rows.family):
+                self.reset()
                 return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-            return self._filter(rows, v_des, (feet, balance, hands), velocity)
+            result = self._filter(rows, v_des, (feet, balance, hands), velocity)
+        if self._recovery is not None:
+            self._recovery.note(v_des, result.v)
+        return result
+
+    def reset(self) -> None:
+        """The robot is at rest: no command is left to go on from."""
+        if self._recovery is not None:
+            self._recovery.reset()
 
     def _filter(
         self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
@@ -177,9 +197,12 @@ class SafetyFilter:
         lower, upper = -self._limit, self._limit
         if self.order == 2 and velocity is not None:
             lower, upper = acceleration_bounds(self._limit, velocity, self._velocity_max, self._dt)
+        asked, eased = spaces, self._ease(rows, spaces, v_des, jacobians)
+        if eased is not None:
+            spaces, v_des = eased.spaces, eased.v_des
         violated = room(spaces.A, v_des, spaces.b) < 0
         pushes = self.kind.resolution.startswith("push") and spaces.active.any()
-        if not (pushes or violated.any() or (v_des < lower).any() or (v_des > upper).any()):
+        if not (eased or pushes or violated.any() or (v_des < lower).any() or (v_des > upper).any()):
             return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
         hessian = self._metric(jacobians)
         if hessian is not self._identity and not all_finite(hessian):
@@ -188,7 +211,17 @@ class SafetyFilter:
             resolved = self._resolution.resolve(Problem(spaces, v_des, hessian, lower, upper, violated), rows)
         except np.linalg.LinAlgError as error:
             return self._failure(f"linear equations have no answer: {error}", velocity, spaces)
-        return self._conclude(resolved, velocity, spaces)
+        return self._conclude(resolved, velocity, asked)
+
+    def _ease(
+        self, rows: BarrierRows, spaces: HalfSpaces, v_des: Array, jacobians: tuple[Array | None, ...]
+    ) -> Eased | None:
+        """What to filter instead where rows are lost."""
+        if self._recovery is None:
+            return None
+        p = self._row_parameters
+        metric = partial(self._metric, jacobians)
+        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], p, v_des, metric, self._limit)
 
     def _objection(
         self,

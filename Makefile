@@ -20,7 +20,7 @@ unexport PYTHONPATH
 help: ## This list.
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
-setup: $(STAMP) ## Make .venv from the lock; nothing to do when it is up to date.
+setup: $(STAMP) ## Make .venv from the lock, compile the kernels; nothing to do when it is up to date.
 
 demo: $(STAMP) ## The first run: simulation, report and video.
 	$(BIN)/safewbc demo $(ARGS)
@@ -57,4 +57,6 @@ $(STAMP): requirements.lock pyproject.toml
 	$(PYTHON) -m venv $(VENV)
 	$(BIN)/python -m pip install --disable-pip-version-check --require-hashes -r requirements.lock
 	$(BIN)/python -m pip install --disable-pip-version-check --no-deps --no-build-isolation -e .
+	@echo "compiling the kernels and checking what works here, about half a minute:"
+	@$(BIN)/safewbc doctor || echo "set-up is done all the same; see above for what does not work" >&2
 	@touch $@

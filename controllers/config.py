@@ -11,6 +11,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
+from safety.recovery import RecoverySettings
 from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
@@ -55,7 +56,15 @@ class TaskTuning:
         posture: joint positions.
         max_linear: largest correction of a position task [m/s].
         max_angular: largest correction of an orientation or of the posture task [rad/s].
-        sigma_min: singular values below it count as zero.
+        hand_acceleration: fastest change of a hand's correction [m/s^2]: what becomes of a target that jumps.
+        singular: what is done with small singular values: ``damped``, the velocity is continuous (see
+            :mod:`wbc.damped_priorities`), or ``cut``, eq. (13) of Lee et al.
+        sigma_min: singular values below it count as zero where they are cut.
+        damped_foot: below which singular values of the feet are damped [m/rad; 1 for turning]; in stance they are above
+            0.12, with straight knees they fall to 0.
+        damped_com: the same of the CoM [1]; its height has 0.04 to 0.06 beside the feet.
+        damped_turn: the same of the orientations of base and torso [1].
+        damped_hand: the same of the hands [m/rad]; 0.08 is an elbow bent by some 20 degrees.
     """
 
     foot: float = 10.0
@@ -66,11 +75,19 @@ class TaskTuning:
     posture: float = 5.0
     max_linear: float = 0.5
     max_angular: float = 2.0
+    hand_acceleration: float = 10.0
+    singular: str = "damped"
     sigma_min: float = 0.03
+    damped_foot: float = 0.05
+    damped_com: float = 0.03
+    damped_turn: float = 0.1
+    damped_hand: float = 0.08
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            require_positive(f"task {name}", getattr(self, name))
+            if name != "singular":
+                require_positive(f"task {name}", getattr(self, name))
+        require_one_of("task singular", self.singular, ("damped", "cut"))
 
 
 def _family(alpha: float, epsilon: float) -> FamilyParameters:
@@ -78,9 +95,11 @@ def _family(alpha: float, epsilon: float) -> FamilyParameters:
 
     The papers' eta (0.5 m/s), slack weight (10) and pushes (0.1, 40) belong to joint velocities that are followed
     exactly and to a cost in which all joints weigh the same. Here motors follow them with torques, and feet, balance
-    and hands weigh 100 to 1000 times as much as a joint.
+    and hands weigh 100 to 1000 times as much as a joint. Torques rattle where a condition switches at the margin, so
+    SSA and its kin have a layer, whose slope eta / layer = 20 1/s is half of DynWBC's velocity gain.
     """
-    return FamilyParameters(alpha, epsilon, eta=0.1, slack_weight=1e4, push_cartesian=1.0, push_joint=100.0)
+    own = {"eta": 0.1, "layer": 0.005, "slack_weight": 1e4, "push_cartesian": 1.0, "push_joint": 100.0}
+    return FamilyParameters(alpha, epsilon, **own)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +121,9 @@ class FilterTuning:
         velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
+        recovery_weight: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
+            bounds, see :mod:`safety.recovery`.
+        recovery_acceleration: largest change of the nominal velocity meanwhile [rad/s^2, m/s^2], above 0.
     """
 
     joint_limit: FamilyParameters = _family(10.0, 10.0)
@@ -117,20 +139,28 @@ class FilterTuning:
     velocity_scale: float = 0.5
     base_linear: float = 2.0
     base_angular: float = 4.0
+    recovery_weight: float = 20.0
+    recovery_acceleration: float = 25.0
 
     def __post_init__(self) -> None:
         for name in FAMILIES:
             if not isinstance(getattr(self, name), FamilyParameters):
                 raise ConfigError(name, getattr(self, name), "parameters of a constraint family")
-        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight"):
+        for name in ("foot_weight", "swing_weight", "balance_weight", "hand_weight", "recovery_weight"):
             require_non_negative(name, getattr(self, name))
-        for name in ("velocity_scale", "base_linear", "base_angular"):
+        for name in ("velocity_scale", "base_linear", "base_angular", "recovery_acceleration"):
             require_positive(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
 
     def parameters(self) -> BarrierParameters:
         """The families' parameters in the form of the conditions."""
         return BarrierParameters(**{f: getattr(self, f) for f in FAMILIES})
+
+    def recovery(self) -> RecoverySettings | None:
+        """How the filter comes back from behind a barrier; ``None`` for no bounds on it."""
+        if self.recovery_weight == 0:
+            return None
+        return RecoverySettings(self.recovery_weight, self.recovery_acceleration)
 
 
 @dataclass(frozen=True, slots=True)

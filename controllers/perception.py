@@ -41,15 +41,18 @@ class SphereTracker:
         self._radii = tuple(radii)
         self._kappa = kappa
         self._moving = velocity == "estimated"
+        self._told: float | None = None
         self.tracks = tuple(ObstacleTrack(settings) for _ in radii)
 
     def observe(self, index: int, position: Array | None, stamp: float) -> bool:
         """A measured position (3,) [m] of sphere ``index`` at ``stamp`` [s], or ``None`` where it was not seen.
 
+        What it changes is fed in from what :meth:`obstacles` gave last on.
+
         Returns:
             Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
         """
-        return self.tracks[index].measure(position, stamp)
+        return self.tracks[index].measure(position, stamp, self._told)
 
     def fault(self, stamp: float) -> str | None:
         """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""
@@ -62,6 +65,7 @@ class SphereTracker:
         Raises:
             ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
         """
+        self._told = stamp
         out = []
         for radius, track in zip(self._radii, self.tracks, strict=True):
             position, velocity = track.estimate(stamp)

@@ -65,6 +65,7 @@ class Supervisor:
         self._repeated = 0
         self._frozen: WholeBodyReference | None = None
         self._obstacles: Sequence[Obstacle] = ()
+        self._at_rest = False
         robot = controller.robot
         zero = np.zeros(len(robot.joints))
         kd = controller.config.gain_scale * robot.joint_array("kd")
@@ -86,7 +87,7 @@ class Supervisor:
         if self._blind_ticks >= 0:
             return self._fading_command(state.stamp), None
         if self.cause is not None:
-            reference, obstacles = self._held_reference(reference), self._obstacles
+            reference, obstacles = self._held_reference(reference), self._obstacles_at_rest()
         if len(obstacles) != self.controller.obstacle_count:
             expected = self.controller.obstacle_count
             self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
@@ -96,7 +97,8 @@ class Supervisor:
         except (ValueError, np.linalg.LinAlgError) as error:
             self._stop_blindly(f"the controller gives no command: {error}", state.stamp)
             return self._fading_command(state.stamp), None
-        self._obstacles = [o.at_rest() for o in obstacles]
+        # a copy: the caller's list may change
+        self._obstacles = obstacles if self._at_rest else tuple(obstacles)
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._stop_blindly("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
@@ -132,6 +134,12 @@ class Supervisor:
             for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):
                 point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
         return self._frozen
+
+    def _obstacles_at_rest(self) -> Sequence[Obstacle]:
+        """The obstacles last known, not moving; made once, at the first tick of a stop."""
+        if not self._at_rest:
+            self._obstacles, self._at_rest = tuple([o.at_rest() for o in self._obstacles]), True
+        return self._obstacles
 
     def _fading_command(self, stamp: float) -> MotorCommand:
         """The last command with its velocities at zero, held, then faded out."""

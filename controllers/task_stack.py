@@ -20,6 +20,10 @@ from wbc.tasks import (
     TaskGains,
 )
 
+POSITION, ROTATION, LINEAR, ACCELERATION = slice(0, 3), slice(3, 12), slice(12, 15), slice(18, 21)
+YAW_RATE, YAW_ACCELERATION = 17, 23
+"""Places in a frame's references, see :func:`wbc.task_kernels.evaluate_frames`."""
+
 
 class TaskStack:
     """Soles; CoM; orientation of the base; orientation of the torso; hands, where they are tasks; posture.
@@ -42,7 +46,8 @@ class TaskStack:
         self.with_hands = with_hands
         t, roles = config.tasks, kin.robot.roles
         rate = config.dynwbc.kd + config.dynwbc.kp * config.dt
-        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com", "hand")}
+        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com")}
+        hand = TaskGains(t.hand, t.max_linear, rate, t.hand_acceleration * config.dt)
         angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
         foot_turn = TaskGains(t.foot, t.max_angular, rate)
         self._feet = [
@@ -51,15 +56,22 @@ class TaskStack:
         self._com = CenterOfMassTask(linear["com"])
         self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
         self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
-        self._hands = [FramePositionTask(kin.frame_id(roles[r]), linear["hand"]) for r in ("left_hand", "right_hand")]
+        self._hands = [FramePositionTask(kin.frame_id(roles[r]), hand) for r in ("left_hand", "right_hand")]
         self._posture = PostureTask(len(kin.joint_names), angular["posture"])
         levels: list[list[Task]] = [[*self._feet], [self._com], [self._base], [self._torso]]
+        damped = [t.damped_foot, t.damped_com, t.damped_turn, t.damped_turn]
         if with_hands:
             levels.append([*self._hands])
+            damped.append(t.damped_hand)
         levels.append([self._posture])
         for task in (*self._feet, self._com):
             task.without_drift = config.without_drift
-        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min)
+        thresholds = [*damped, t.damped_turn] if t.singular == "damped" else None
+        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min, thresholds)
+        # written as they are: every tick sets them all
+        self._foot_rows = [task.references for task in self._feet]
+        self._turn_rows = [task.references for task in (self._base, self._torso)]
+        self._hand_rows = [task.references for task in self._hands]
 
     def set_references(self, reference: WholeBodyReference) -> None:
         """Take over what a reference asks for now.
@@ -67,21 +79,20 @@ class TaskStack:
         Raises:
             ValueError: it gives no hands although they are tasks.
         """
-        parts = zip(self._feet, reference.soles, reference.sole_rotations, reference.sole_turns, strict=True)
-        for task, point, rotation, turn in parts:
-            task.position, task.rotation = point.position, rotation
-            task.velocity[:3], task.acceleration[:3] = point.velocity, point.acceleration
-            task.velocity[5], task.acceleration[5] = turn
+        for i, row in enumerate(self._foot_rows):
+            point = reference.soles[i]
+            row[POSITION], row[LINEAR], row[ACCELERATION] = point.position, point.velocity, point.acceleration
+            row[ROTATION] = reference.sole_rotations[i].ravel()
+            row[YAW_RATE], row[YAW_ACCELERATION] = reference.sole_turns[i]
         self._set_com(reference)
-        self._base.rotation = reference.base_rotation
-        self._torso.rotation = reference.torso_rotation
-        self._base.angular_velocity[2] = self._torso.angular_velocity[2] = reference.turn_rate
+        for row, rotation in zip(self._turn_rows, (reference.base_rotation, reference.torso_rotation), strict=True):
+            row[ROTATION], row[YAW_RATE] = rotation.ravel(), reference.turn_rate
         self._posture.joints = reference.joints
         if reference.hands is None and self.with_hands:
             raise ValueError("the hands are tasks of this controller, but the reference gives none")
         if reference.hands is not None:
-            for hand, point in zip(self._hands, reference.hands, strict=True):
-                hand.position, hand.velocity, hand.acceleration = point.position, point.velocity, point.acceleration
+            for row, point in zip(self._hand_rows, reference.hands, strict=True):
+                row[POSITION], row[LINEAR], row[ACCELERATION] = point.position, point.velocity, point.acceleration
 
     def _set_com(self, reference: WholeBodyReference) -> None:
         """The CoM's task: its own reference, or horizontally what the feedback of the DCM asks for."""

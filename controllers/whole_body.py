@@ -3,7 +3,8 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
 from controllers.task_stack import TaskStack
 from controllers.torque_modes import gravity_torque
+from controllers.warm_up import AWAY, situations
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -24,7 +26,7 @@ from safety.rows import BarrierRows, HalfSpaces
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbc, DynWbcResult, contact_bias_acceleration
 from wbc.torque_qp import DynWbcProblem
-from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp
+from wbc.wrench import reference_wrenches
 
 STAGES = ("kinematics", "tasks", "kinwbc", "rows", "safety_qp", "dynamics", "dynwbc")
 """Stages of a tick, in order; ``dynamics`` is the assembly of DynWBC's problem, ``dynwbc`` its solution."""
@@ -58,7 +60,9 @@ class WholeBodyController:
         with_hands: whether the hands are tasks (then every reference must give them).
         obstacle_kinds: kind of each obstacle that every tick is given (see :mod:`safety.obstacles`).
         clock: monotonic seconds, for the stage times.
-        extra_barriers: makes further barriers from the controller's kinematics.
+        extra_barriers: makes further barriers from the controller's kinematics. An
+            :class:`safety.barriers.ObstacleBarrier` among them, of chosen bodies say, is told the obstacles of every
+            tick where ``obstacle_kinds`` are none.
 
     Raises:
         ConfigError: a setting is not allowed.
@@ -75,6 +79,10 @@ class WholeBodyController:
     ) -> None:
         self.robot = robot
         self.config = config
+        self._kinds = tuple(obstacle_kinds)
+        self._make_twin = partial(
+            WholeBodyController, robot, config, with_hands, self._kinds, extra_barriers=extra_barriers
+        )
         self.kin = Kinematics(robot)
         self._clock = clock
         self._mass = robot.total_mass
@@ -82,8 +90,8 @@ class WholeBodyController:
         self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
         extra = () if extra_barriers is None else extra_barriers(self.kin)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
-        self.obstacle_count = len(obstacle_kinds)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
+        self.obstacle_count = 0 if self._obstacles is None else self._obstacles.count
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
@@ -97,10 +105,13 @@ class WholeBodyController:
             safety.balance_weight,
             safety.hand_weight,
             config.infeasible,
+            dt=config.dt,
+            recovery=safety.recovery(),
         )
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         count = self.barriers.size if self.acceleration_filter else 0
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
+        self._soles = np.array(self.dynwbc.frame_ids)
         self._half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
         # as the weight of a foot on the ground goes with the square of its rows
         self._swing_share = math.sqrt(safety.swing_weight / safety.foot_weight) if safety.foot_weight > 0 else 0.0
@@ -116,10 +127,29 @@ class WholeBodyController:
         c = self.config.contact
         return SoleContact(frame, c.length_share * half_length, c.width_share * half_width, c.friction)
 
+    def warm_up(self) -> None:
+        """Have everything ready that the first tick would wait for: kernels compiled or loaded, libraries started.
+
+        A twin made of the same arguments ticks through the situations of :mod:`controllers.warm_up` and is thrown away.
+        So this controller stays as it is, whenever this is called, and its answers do not change by a bit; only
+        ``extra_barriers`` is called once more. Takes some 0.2 s, where the kernels have to be compiled some 20 s.
+        """
+        twin = self._make_twin()
+        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, self._kinds):
+            twin.tick(state, reference, obstacles)
+        # the filter makes its parameters for the rows' families when it first sees them: with nothing near, it does
+        # nothing else that lasts
+        rows = twin.barriers.evaluate(twin.kin)
+        still, n = np.zeros_like(rows.jac), rows.h.size
+        nothing_near = replace(rows, h=np.full(n, AWAY), jac=still, drift=np.zeros(n))
+        self.filter.apply(nothing_near, np.zeros(self.kin.nv))
+
     def reset(self, state: RobotState) -> None:
         """Start from a state at rest: the torques measured there are the first tau_prev."""
         self.kin.update(state.q, state.v)
+        self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
+        self.filter.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
@@ -227,7 +257,7 @@ class WholeBodyController:
         if self.acceleration_filter is not None:
             return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
         feet = self._stance_jacobian(levels[0][0], in_contact)
-        balance = np.concatenate([jacobian for jacobian, _ in levels[1:4]])
+        balance = self.kinwbc.rows(1, 4)
         hands = levels[4][0] if self._tasks.with_hands else None
         return self.filter.apply(rows, v_des, feet, balance, hands)
 
@@ -252,10 +282,14 @@ class WholeBodyController:
         robot back into what the filter has just steered it out of.
         """
         kin = self.kin
-        acceleration = kin.com_jacobian @ command
-        soles = [kin.frame_placement(i) for i in self.dynwbc.frame_ids]
-        centres = np.array([p[:2] for _, p in soles])
-        height = kin.com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
-        zmp = kin.com[:2] - acceleration[:2] * (height / (GRAVITY + acceleration[2]))
-        load = load_from_zmp(zmp, centres, reference.in_contact, reference.load_limits)
-        return distribute_wrench(load_scale * self._mass, kin.com, acceleration, soles, load, self._half_sizes)
+        return reference_wrenches(
+            load_scale * self._mass,
+            kin.com,
+            kin.com_jacobian,
+            command,
+            kin.frame_transforms,
+            self._soles,
+            reference.in_contact,
+            reference.load_limits,
+            self._half_sizes,
+        )

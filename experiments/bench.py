@@ -4,6 +4,7 @@ import gc
 import json
 import os
 import platform
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -34,25 +35,36 @@ TICKS = 5000
 WARM_UP = 100
 """Ticks run and not counted."""
 
+OF_TICK = ("robots", "filter", "solver")
+OF_NONE = (*OF_TICK, "filters", "ticks")
+
+BENCHMARKS = {
+    "tick": ("bench", "bench_tick", ("filters",)),
+    "first": ("bench_first", "bench_first", ("filters", "solver", "ticks")),
+    "rows": ("bench_rows", "bench_rows", ("filters",)),
+    "worst": ("bench_worst", "bench_worst", ("filters",)),
+    "loop": ("bench_loop", "bench_loop", ("filters", "solver", "ticks")),
+    "filters": ("filter_bench", "bench_filters", OF_TICK),
+    "peers": ("bench_peers", "bench_peers", (*OF_TICK, "filters")),
+    "tracking": ("tracking", "bench_tracking", OF_NONE),
+    "recovery": ("recovery", "bench_recovery", OF_NONE),
+}
+"""Module and function of each benchmark, and the options that it does not use."""
+
 
 def bench(options: BenchOptions) -> int:
-    """Measure what was asked for; returns 0."""
-    of_tick = ("robots", "filter", "solver")
-    unused = {"tick": ("filters",), "filters": of_tick, "tracking": (*of_tick, "filters", "ticks")}[options.what]
+    """Measure what was asked for; returns 0.
+
+    Raises:
+        ConfigError: an option that is not used is given, or ``out`` is no file that can be written.
+    """
+    module, function, unused = BENCHMARKS[options.what]
     for name in unused:
         if getattr(options, name) != getattr(BenchOptions, name):
             raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
     if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
         raise ConfigError("out", str(options.out), "a file in a folder that can be written")
-    if options.what == "filters":
-        from experiments.filter_bench import bench_filters
-
-        return bench_filters(options)
-    if options.what == "tracking":
-        from experiments.tracking import tracking
-
-        return tracking(options.out)
-    return bench_tick(options)
+    return int(getattr(import_module(f"experiments.{module}"), function)(options))
 
 
 def bench_tick(options: BenchOptions) -> int:
@@ -85,9 +97,9 @@ def bench_tick(options: BenchOptions) -> int:
 
 def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:
     """Stage times (ticks, len(STAGES)) [s] of the hand-tracking run at +20 % mass, replayed without the plant."""
-    controller, reference, motion = _set_up(robot, options)
-    states = _record(controller, reference, motion, ticks + WARM_UP)
-    controller, reference, motion = _set_up(robot, options)
+    controller, reference, motion = prepared(robot, options)
+    states = recorded(controller, reference, motion, ticks + WARM_UP)
+    controller, reference, motion = prepared(robot, options)
     out = np.zeros((len(states), len(STAGES)))
     gc.collect()
     for i, state in enumerate(states):
@@ -96,9 +108,10 @@ def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array
     return out[WARM_UP:]
 
 
-def _set_up(
+def prepared(
     robot: RobotDescription, options: BenchOptions
 ) -> tuple[WholeBodyController, WholeBodyReference, HandCircles]:
+    """A controller, and what the hands are to do with it: circles through the torso."""
     config = controller_config(robot, filter=options.filter, dynwbc_solver=options.solver)
     controller = WholeBodyController(robot, config, with_hands=True)
     kin = controller.kin
@@ -110,9 +123,10 @@ def _set_up(
     return controller, reference, motion
 
 
-def _record(
+def recorded(
     controller: WholeBodyController, reference: WholeBodyReference, motion: HandCircles, ticks: int
 ) -> list[RobotState]:
+    """The states of a run at +20 % mass, of as many ticks."""
     plant_settings = PlantConfig(changes=PhysicalChanges(mass_scale=1.2))
     plant = MujocoPlant(controller.robot, plant_settings, np.random.default_rng(0))
     plant.reset(standing_configuration(controller.robot, start_posture(controller.robot)))

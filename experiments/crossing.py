@@ -1,6 +1,7 @@
 """What the estimated velocity of an obstacle is worth to the safety filter: one crosses where the hands are."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -104,9 +105,8 @@ class Crossing:
 
     def _believed(self, t: float) -> list[Obstacle]:
         self._tracker.observe(0, self._sensor.measure(self._sphere.position(t), t), t)
-        if self._told_truth:
-            return [Obstacle.sphere(self._tracker.tracks[0].estimate(t)[0], RADIUS, self._sphere.velocity(t))]
-        return self._tracker.obstacles(t)
+        seen = self._tracker.obstacles(t)
+        return [replace(o, velocity=self._sphere.velocity(t)) for o in seen] if self._told_truth else seen
 
 
 def crossing_study(

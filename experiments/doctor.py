@@ -5,7 +5,6 @@ import importlib.util
 import os
 import platform
 import sys
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -72,19 +71,23 @@ def check_solvers() -> str:
 
 
 def check_kernels() -> str:
-    """The compiled geometry kernels run (the first time they are compiled, which takes some seconds)."""
-    from robots.kinematics import Kinematics
-    from robots.loader import load_robot
-    from robots.pinocchio_model import standing_configuration
-    from safety.barriers import standard_barriers
+    """The compiled kernels run, and are in the cache from now on: the first time they are compiled.
 
-    robot = load_robot("g1")
-    kin = Kinematics(robot)
-    kin.update_geometry(standing_configuration(robot))
-    start = time.perf_counter()
-    rows = standard_barriers(kin, ("sphere",))
-    rows.evaluate(kin)
-    return f"{rows.size} rows, ready after {time.perf_counter() - start:.1f} s"
+    Raises:
+        ConfigError: there is no folder that numba could keep them in.
+    """
+    try:
+        from experiments.warmup import fill_caches
+
+        done = fill_caches()
+    except RuntimeError as error:
+        if "no locator available" not in str(error):
+            raise
+        chosen = os.environ.get("NUMBA_CACHE_DIR", "not given")
+        raise ConfigError("environment variable NUMBA_CACHE_DIR", chosen, "a folder that can be written") from error
+    how = f"{done.compiled} compiled now" if done.compiled else "all from the cache"
+    places = ", ".join(map(str, done.folders))
+    return f"{done.kernels}, {how}, ready after {done.seconds:.1f} s; kept in {places}"
 
 
 def check_rendering() -> str:
@@ -122,7 +125,9 @@ def doctor() -> int:
     failed = False
     for name, check, needed in CHECKS:
         try:
-            console.print(f"[green]ok[/]   {name:<10} {check()}")
+            with console.status(f"checking {name}"):
+                said = check()
+            console.print(f"[green]ok[/]   {name:<10} {said}")
         except Exception as error:
             failed |= needed
             mark = "[red]FAIL[/]" if needed else "[yellow]warn[/]"

@@ -4,7 +4,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from controllers.perception import SphereTracker
 from controllers.reference import WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_one_of
 from robots.description import RobotDescription
@@ -13,7 +12,6 @@ from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.obstacles import Obstacle
-from safety.tracking import TrackerSettings
 from sims.obstacles import PassingSphere, PositionSensor
 
 RADIUS = 0.08
@@ -77,6 +75,10 @@ class Encounter:
         self.sphere = sphere
         self._sensor = sensor
         self._true_velocity = seen.velocity == "true"
+        # here, because the tracks' filter brings scipy.stats with it, which a run without obstacles need not wait for
+        from controllers.perception import SphereTracker
+        from safety.tracking import TrackerSettings
+
         settings = TrackerSettings(position_noise=max(seen.noise, 1e-4))
         told = "zero" if seen.velocity == "zero" else "estimated"
         self._tracker = SphereTracker([sphere.radius], settings, seen.kappa, told)

@@ -35,12 +35,15 @@ def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], 
     Raises:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
-    robot = check_hand_tracking(options)
+    return run(hand_scenario(check_hand_tracking(options), options), options, progress)
+
+
+def hand_scenario(robot: RobotDescription, options: HandTrackingOptions) -> Scenario:
+    """What happens in a run with these options, which have been checked."""
     make = {"circles": _circles, "beyond-reach": _beyond_reach, "hold": _hold}[options.motion]
     obstacle = obstacle_settings(options)
     encounter = None if obstacle is None else partial(passing_sphere, obstacle)
-    scenario = Scenario("hand-tracking", start_posture(robot), make, encounter=encounter, extra=reference_motion)
-    return run(scenario, options, progress)
+    return Scenario("hand-tracking", start_posture(robot), make, encounter=encounter, extra=reference_motion)
 
 
 def check_hand_tracking(options: HandTrackingOptions) -> RobotDescription:

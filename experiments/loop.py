@@ -1,26 +1,26 @@
 """The closed loop: plant, supervisor, references; everything recorded."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from controllers.supervisor import Supervisor
 from controllers.whole_body import STAGES, TickResult
 from experiments.encounter import Encounter
+from experiments.ground_truth import TrueBarriers
+from experiments.laps import Laps
+from experiments.recording import Columns
 from experiments.results import GUARANTEED, STOPPED, family_minima
 from experiments.scenario import Cast, Push
 from robots.checks import all_finite
-from robots.description import RobotDescription
-from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
-from robots.rotation import rotation_from_quaternion
-from safety.barriers import ObstacleBarrier, standard_barriers
 from safety.filters import FilterStatus, explain
 from safety.guarantee import RowBound, promises
 from safety.obstacles import Obstacle
-from safety.rows import BarrierRows
 from sims.plant import MujocoPlant
 
 FALL_TILT = np.cos(np.deg2rad(60.0))
@@ -31,6 +31,9 @@ FALL_HEIGHT = 0.6
 
 AFTERMATH = 0.5
 """Time that is still simulated after a fall or a stop [s]."""
+
+NO_STAGES = np.full(len(STAGES), np.nan)
+"""Times of the stages of a tick that was none."""
 
 GAIT_AFTERMATH = 4.0
 """The same after a stop that leaves it to a gait to come to rest on both feet [s]."""
@@ -44,35 +47,6 @@ class LoopOutcome:
     duration: float
 
 
-class TrueBarriers:
-    """Barriers at the plant's true state, by a model of its own: nothing the controller believes enters.
-
-    Of the rows of a pair only the distance is kept.
-    """
-
-    def __init__(self, robot: RobotDescription, obstacle_kinds: Sequence[str]) -> None:
-        self._kin = Kinematics(robot)
-        self._set = standard_barriers(self._kin, obstacle_kinds, keep_fixed=True)
-        self._obstacles = next((b for b in self._set.barriers if isinstance(b, ObstacleBarrier)), None)
-        self._kept = np.concatenate(list(self._set.primary.values()))
-        ends = np.cumsum([rows.size for rows in self._set.primary.values()])
-        self.slices = {f: slice(e - r.size, e) for (f, r), e in zip(self._set.primary.items(), ends, strict=True)}
-
-    def evaluate(self, q: Array, obstacles: Sequence[Obstacle] = ()) -> BarrierRows:
-        """Rows at a true configuration (nq,) among the true obstacles."""
-        self._kin.update_geometry(q)
-        if self._obstacles is not None:
-            self._obstacles.set_obstacles(obstacles)
-        rows, kept = self._set.evaluate(self._kin), self._kept
-        return BarrierRows(rows.h[kept], rows.jac[kept], rows.drift[kept], rows.family[kept])
-
-    def gradients(self, rows: BarrierRows) -> Array:
-        """Largest size of a row of the Jacobian in each family of ``GUARANTEED``, NaN where it has no rows."""
-        squared = np.vecdot(rows.jac, rows.jac)
-        parts = (squared[self.slices.get(family, slice(0, 0))] for family in GUARANTEED)
-        return np.sqrt([part.max() if part.size else np.nan for part in parts])
-
-
 class ClosedLoop:
     """Runs a supervised controller against a plant and records both.
 
@@ -84,6 +58,7 @@ class ClosedLoop:
         nan_at: from this time on one measured joint position is NaN [s]; ``None`` for never.
         progress: called with the simulated time [s] now and then.
         pushes: on the torso.
+        laps: books where the time goes.
     """
 
     def __init__(
@@ -95,6 +70,7 @@ class ClosedLoop:
         nan_at: float | None = None,
         progress: Callable[[float], None] | None = None,
         pushes: Sequence[Push] = (),
+        laps: Laps | None = None,
     ) -> None:
         self.plant = plant
         self.supervisor = supervisor
@@ -103,33 +79,33 @@ class ClosedLoop:
         self.nan_at = nan_at
         self.progress = progress
         self.pushes = pushes
+        self.laps = Laps() if laps is None else laps
         self.truth = TrueBarriers(plant.robot, () if encounter is None else ("sphere",))
-        self.ticks: list[dict[str, Array | float | int]] = []
-        self.steps: list[dict[str, Array | float]] = []
+        self._ticks, self._steps = Columns(0), Columns(0)
         config = supervisor.controller.config
         self._promises = promises(config.filter, config.safety.parameters())
         promise = self._promises.get("self_collision")
         self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
         self.first_relaxed: str | None = None
         self._state = plant.true_state()
+        self._zmp = plant.zero_moment_point()
+        self._nowhere = np.full(self._state.v.size, np.nan)
+        self._v_safe = self._nowhere
         self._start_height = float(self._state.q[2])
 
     def run(self, duration: float) -> LoopOutcome:
         """Run for ``duration`` [s], or until shortly after a fall or a stop."""
         dt = self.supervisor.controller.config.dt
         substeps = round(dt / self.plant.config.dt)
-        end, fell_at = duration, None
+        end, fell_at, ticks = duration, None, round(duration / dt)
+        self._ticks, self._steps = Columns(ticks), Columns(ticks * substeps)
         self.supervisor.controller.reset(self.plant.measured_state())
-        for i in range(round(duration / dt)):
+        for i in range(ticks):
             t = i * dt
             if t >= end - 0.5 * dt:
                 break
             self._tick(t)
-            for _ in range(substeps):
-                if self.pushes:
-                    self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
-                self.plant.step()
-                self._record_step()
+            self._advance(substeps)
             if self.plant.unstable:
                 self.supervisor.hold("the simulation became unstable: try a smaller physics step", self.plant.time)
                 break
@@ -145,16 +121,34 @@ class ClosedLoop:
             self.progress(self.plant.time)
         return LoopOutcome(fell_at, self.plant.time)
 
+    def _advance(self, substeps: int) -> None:
+        """Let the plant move for a control period."""
+        for _ in range(substeps):
+            if self.pushes:
+                self.plant.push(sum((p.at(self.plant.time) for p in self.pushes), np.zeros(3)))
+            self.laps.book("rest")
+            self.plant.step()
+            self.laps.book("plant")
+            self._record_step()
+
     def _tick(self, t: float) -> None:
+        book = self.laps.book
+        book("rest")
         state = self._measure(t)
+        book("state")
         start = time.perf_counter()
         self._move_references(t, state)
-        command, result = self.supervisor.tick(state, self.reference, self._believed_obstacles(t))
+        believed = self._believed_obstacles(t)
+        book("references")
+        command, result = self.supervisor.tick(state, self.reference, believed)
         elapsed = time.perf_counter() - start
+        book("tick")
         if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:
             self.first_relaxed = f"at {t:.3f} s: " + explain(result.safety, self.supervisor.controller.barriers.labels)
         self.plant.send(command)
+        book("rest")
         self._record_tick(t, result, elapsed)
+        book("recording")
 
     def _move_references(self, t: float, state: RobotState) -> None:
         """References of this tick. After a stop a gait comes to rest, and hands stay where they are beside it."""
@@ -187,76 +181,99 @@ class ClosedLoop:
 
     def _record_tick(self, t: float, result: TickResult | None, elapsed: float) -> None:
         # the instant of the last plant step, so what was measured then need not be worked out again
-        state, zmp = self._state, self.steps[-1]["step_zmp"] if self.steps else self.plant.zero_moment_point()
-        nan = np.full(state.v.size, np.nan)
-        controller, corners = self.supervisor.controller, self.plant.sole_corners()
-        row: dict[str, Array | float | int] = {
+        state, plant, reference = self._state, self.plant, self.reference
+        load = self.supervisor.controller.load
+        row: dict[str, Array | float] = {
             "time": t,
             "q": state.q,
             "v": state.v,
             "torque": state.tau,
-            "com": self.plant.center_of_mass(),
-            "com_ref": self.reference.com.position.copy(),
-            "in_contact": self.reference.in_contact.astype(float),
-            "soles_ref": np.array([point.position for point in self.reference.soles]),
-            "load_scale": 1.0 if controller.load is None else controller.load.scale,
-            "zmp": zmp,
-            "foot_wrench": self.plant.contact_wrenches(),
-            "v_des": nan if result is None else result.v_des,
-            "v_safe": nan if result is None else result.safety.v,
-            "filter_status": STOPPED if result is None else int(result.safety.status),
-            "filter_slack": np.nan if result is None else result.safety.slack,
-            "qp_failed": 0 if result is None else int(result.dynwbc.status != "optimal"),
-            "stages": np.full(len(STAGES), np.nan) if result is None else result.stage_seconds,
+            "com": plant.center_of_mass(),
+            "com_ref": reference.com.position,
+            "in_contact": reference.in_contact.astype(float),
+            "soles_ref": np.array([point.position for point in reference.soles]),
+            "load_scale": 1.0 if load is None else load.scale,
+            "zmp": self._zmp,
+            "foot_wrench": plant.contact_wrenches(),
+            "corners": plant.sole_corners(),
             "tick_ms": 1e3 * elapsed,
-            "soles": corners.mean(axis=1),
-            "sole_corners": corners[:, :, :2],
         }
-        if self.reference.dcm is not None:
-            row["dcm_ref"], row["zmp_ref"] = self.reference.dcm.position, self.reference.dcm.zmp
-        if self.reference.hands is not None:
-            for name, point in zip(("left_hand", "right_hand"), self.reference.hands, strict=True):
-                row[name] = self.plant.frame_position(self.plant.robot.roles[name])
+        if reference.dcm is not None:
+            row["dcm_ref"], row["zmp_ref"] = reference.dcm.position, reference.dcm.zmp
+        if reference.hands is not None:
+            for name, point in zip(("left_hand", "right_hand"), reference.hands, strict=True):
+                row[name] = plant.frame_position(plant.robot.roles[name])
                 row[f"{name}_ref"] = point.position
         if self.encounter is not None:
             sphere = self.encounter.sphere
             row["obstacle"] = np.append(sphere.position(t), sphere.radius)
-        self.ticks.append(row)
+        answer = self._answer(result)
+        self._v_safe = answer["v_safe"]
+        self._ticks.append(row | answer)
+
+    def _answer(self, result: TickResult | None) -> dict[str, Any]:
+        """What is recorded of the controller's answer; ``None`` once it is not asked any more."""
+        if result is None:
+            return {
+                "v_des": self._nowhere,
+                "v_safe": self._nowhere,
+                "filter_status": STOPPED,
+                "filter_slack": np.nan,
+                "qp_failed": 0,
+                "stages": NO_STAGES,
+            }
+        return {
+            "v_des": result.v_des,
+            "v_safe": result.safety.v,
+            "filter_status": int(result.safety.status),
+            "filter_slack": result.safety.slack,
+            "qp_failed": int(result.dynwbc.status != "optimal"),
+            "stages": result.stage_seconds,
+        }
 
     def _record_step(self) -> None:
-        plant, cut = self.plant, self.truth.slices
-        obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
+        plant, pairs, book = self.plant, self.truth.slices["self_collision"], self.laps.book
         state = self._state = plant.true_state()
+        self._zmp = plant.zero_moment_point()
+        book("state")
+        obstacles = [] if self.encounter is None else self.encounter.true(plant.time)
         rows = self.truth.evaluate(state.q, obstacles)
-        h, pairs = rows.h, cut["self_collision"]
-        disturbance = state.v - self.ticks[-1]["v_safe"]
+        disturbance = state.v - self._v_safe
         row_bound = np.nan
         if self._row_bound is not None:
-            row_bound = self._row_bound.advance(h[pairs], rows.jac[pairs], disturbance)
-        self.steps.append(
+            row_bound = self._row_bound.advance(rows.h[pairs], rows.jac[pairs], disturbance)
+        gradients = self.truth.gradients(rows)
+        book("true barriers")
+        self._steps.append(
             {
-                "h_obstacle": float(h[cut["obstacle"]].min()) if obstacles else np.inf,
                 "step_time": plant.time,
-                "h_self_collision": h[pairs.start : cut["leg_collision"].stop].astype(np.float32),
-                "h_joint_limit": float(h[cut["joint_limit"]].min()),
-                "h_workspace": h[cut["workspace"]].copy(),
-                "step_zmp": plant.zero_moment_point(),
-                "torque_fraction": np.abs(plant.torque) / plant.effort,
-                "disturbance": float(np.linalg.norm(disturbance)),
-                "gradient": self.truth.gradients(rows),
+                "h": rows.h,
+                "step_zmp": self._zmp,
+                "step_torque": plant.torque,
+                "disturbance": math.sqrt(disturbance @ disturbance),
+                "gradient": gradients,
                 "h_row_bound": row_bound,
             }
         )
+        book("recording")
 
     def _fallen(self) -> bool:
         q = self._state.q
-        upright = rotation_from_quaternion(q[3:7])[2, 2]
+        upright = 1 - 2 * (q[3] * q[3] + q[4] * q[4])
         return bool(upright < FALL_TILT or q[2] < FALL_HEIGHT * self._start_height)
 
     def series(self) -> dict[str, Array]:
-        """Everything recorded, stacked."""
-        out = {key: np.array([row[key] for row in self.ticks]) for key in self.ticks[0]}
-        out |= {key: np.array([row[key] for row in self.steps]) for key in self.steps[0]}
+        """Everything recorded, and what follows from it."""
+        ticks, steps = self._ticks.arrays(), self._steps.arrays()
+        corners, h, torque = ticks.pop("corners"), steps.pop("h"), steps.pop("step_torque")
+        cut = self.truth.slices
+        out = ticks | steps
+        out["soles"], out["sole_corners"] = corners.mean(axis=2), np.ascontiguousarray(corners[..., :2])
+        out["torque_fraction"] = np.abs(torque) / self.plant.effort
+        out["h_self_collision"] = h[:, cut["self_collision"].start : cut["leg_collision"].stop].astype(np.float32)
+        out["h_joint_limit"] = h[:, cut["joint_limit"]].min(axis=1)
+        out["h_workspace"] = h[:, cut["workspace"]].copy()
+        out["h_obstacle"] = h[:, cut.get("obstacle", slice(0))].min(axis=1, initial=np.inf)
         return out | {"h_bound": self._bounds(out)}
 
     def _bounds(self, series: dict[str, Array]) -> Array:

@@ -80,10 +80,10 @@ def zmp_inside(series: dict[str, Array]) -> Mask:
     return np.asarray(depth >= -EDGE)
 
 
-def zmp_inside_single(series: dict[str, Array]) -> float | None:
-    """Share of :func:`zmp_inside` among the plant steps at which the plan is on one foot; ``None`` without any."""
+def zmp_inside_single(series: dict[str, Array], inside: Mask) -> float | None:
+    """Share of ``inside`` (P,) among the plant steps at which the plan is on one foot; ``None`` without any."""
     single = (_planned_contact(series).sum(axis=1) == 1)[_ticks_of_steps(series)]
-    return _share(zmp_inside(series) & single, single)
+    return _share(inside & single, single)
 
 
 def foot_slide(series: dict[str, Array]) -> Array:
@@ -156,11 +156,11 @@ def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
 
 
 def _contact_figures(series: dict[str, Array]) -> dict[str, Any]:
-    slide = foot_slide(series)
+    slide, inside = foot_slide(series), zmp_inside(series)
     return {
         "foot_slide_max_m": _largest(slide[np.isfinite(slide)]),
-        "zmp_inside_fraction": float(zmp_inside(series).mean()),
-        "zmp_inside_single_fraction": zmp_inside_single(series),
+        "zmp_inside_fraction": float(inside.mean()),
+        "zmp_inside_single_fraction": zmp_inside_single(series, inside),
     }
 
 

@@ -44,6 +44,9 @@ class FilterOptions:
     epsilon: float | None = None
     """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
     families are set in the description's [tuning.safety] [m s/rad^2]."""
+    layer: float | None = None
+    """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers'
+    switch at the margin; the robot's own tuning if not given [m, rad]."""
 
 
 @dataclass(frozen=True)
@@ -212,26 +215,35 @@ class DemoOptions:
 class BenchOptions:
     """Measure, and print the figures.
 
-    tick: one control tick, stage by stage, over a recorded run of each robot. filters: every safety filter over the
-    same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35 variables, where the
-    conditions can be met and where they cannot. tracking: how well moving obstacles are tracked, and what the estimated
-    velocity is worth to the filter.
+    tick: one control tick, stage by stage, over a recorded run of each robot. first: the first tick of a new process,
+    with and without warm-up. rows: what a tick costs against the number of barrier rows and of joints. worst: whole
+    ticks of each robot among obstacles that jump, spin, race and press, and with targets out of reach: which are late.
+    loop: wall time over simulated time of hand tracking and a walk at 500 Hz and 2 kHz, by part. filters: every safety
+    filter over the same recorded states of the G1 as 19 spheres, at 31, 219 and 979 barrier rows and 17, 20 and 35
+    variables, where the conditions can be met and where they cannot. peers: inverse kinematics with self-collision
+    avoidance of the G1, by us, mink and pink; the extra bench installs the others. tracking: how well moving obstacles
+    are tracked, and what the estimated velocity is worth to the filter. recovery: how filters leave a start with the
+    arms inside the torso.
     """
 
-    what: tyro.conf.Positional[Literal["tick", "filters", "tracking"]]
+    what: tyro.conf.Positional[
+        Literal["tick", "first", "rows", "worst", "loop", "filters", "peers", "tracking", "recovery"]
+    ]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Only with tick: robots to measure: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
+    """Only with tick, first, rows, worst and loop: robots to measure: g1, tocabi, or paths of .toml descriptions, but
+    for first with a table [tuning.hand_tracking]."""
     ticks: int | None = None
-    """Ticks to measure, at least 100 of tick (5000 if not given), 10 of filters (300 of each size if not given) [-]."""
+    """Ticks to measure, at least 100 of tick and peers (5000 if not given), rows (3000 of each size) and worst (100000,
+    of all sequences together), 10 of filters (300 of each size if not given) [-]."""
     filter: str = "issf"
-    """Only with tick: safety filter, as for the runs."""
+    """Only with tick, first, rows, worst and loop: safety filter, as for the runs."""
     filters: tuple[str, ...] | None = None
     """Only with filters: which ones; all if not given."""
     solver: str = "daqp"
-    """Only with tick: QP solver of DynWBC: daqp or proxqp."""
+    """Only with tick, rows and worst: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
-    """Write the figures as JSON to this file too; of tracking also a plot, as PNG beside it."""
+    """Write the figures as JSON to this file too; of tracking and recovery also a plot, as PNG beside it."""
 
 
 @dataclass(frozen=True)

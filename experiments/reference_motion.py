@@ -5,6 +5,7 @@ import numpy as np
 from controllers.whole_body import WholeBodyController
 from experiments.scenario import Cast
 from robots.messages import Array, RobotState
+from safety.barriers import standard_barriers
 
 
 def reference_motion(controller: WholeBodyController, cast: Cast, q: Array, duration: float) -> dict[str, Array]:
@@ -14,7 +15,7 @@ def reference_motion(controller: WholeBodyController, cast: Cast, q: Array, dura
     trajectory". A gait sees it as what is measured, and no forces under the feet.
 
     Args:
-        controller: its KinWBC and barriers are used.
+        controller: its KinWBC is used.
         cast: references at the start, and what moves them; used up.
         q: shape (nq,) where the motion starts.
         duration: of the motion [s].
@@ -23,7 +24,8 @@ def reference_motion(controller: WholeBodyController, cast: Cast, q: Array, dura
         ``h_self_reference``: shape (T,), one per control tick [m].
     """
     kin, dt = controller.kin, controller.config.dt
-    cut = slice(controller.barriers.slices["self_collision"].start, controller.barriers.slices["leg_collision"].stop)
+    distances = standard_barriers(kin, distances_only=True)
+    cut = slice(distances.slices["self_collision"].start, distances.slices["leg_collision"].stop)
     out = np.zeros(round(duration / dt))
     rest, v, torque = np.zeros(kin.nv), np.zeros(kin.nv), np.zeros(kin.nv - 6)
     for i in range(out.size):
@@ -32,7 +34,7 @@ def reference_motion(controller: WholeBodyController, cast: Cast, q: Array, dura
         for motion in cast.motions:
             motion.apply(cast.reference, i * dt)
         kin.update(q, rest)
-        out[i] = controller.barriers.evaluate(kin).h[cut].min(initial=np.inf)
+        out[i] = distances.evaluate(kin).h[cut].min(initial=np.inf)
         v = controller.desired_velocity(cast.reference)
         q = kin.integrate(q, v, dt)
     return {"h_self_reference": out}

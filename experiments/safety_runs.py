@@ -4,6 +4,7 @@ import dataclasses
 
 from experiments.figures import Figure, column
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions
+from experiments.session import LAYERED
 from safety.filters import FILTERS
 
 ROBOTS = ("g1", "tocabi")
@@ -12,6 +13,7 @@ VELOCITIES = ("zero", "estimated", "true")
 
 FILTER_COLUMNS = (
     column("filter", "filter"),
+    Figure("layer", "layer", "mm", 1e3),
     column("fell", "fell"),
     column("min_h_self_collision_m", "min h self-collision"),
     column("collision_ratio", "collision ratio"),
@@ -54,7 +56,9 @@ def safety_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
     groups: dict[str, tuple[list[RunOptions], tuple[Figure, ...]]] = {}
     for robot in ROBOTS:
         runs: list[RunOptions] = [
-            dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name)) for name in FILTERS
+            dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name, layer=layer))
+            for name in FILTERS
+            for layer in ((0.0, None) if name in LAYERED else (None,))
         ]
         groups[f"Every filter, {robot}, hand circles through the torso, +20 % mass, 12 s"] = (runs, FILTER_COLUMNS)
     heavier: list[RunOptions] = [

@@ -12,6 +12,7 @@ from controllers.motions import CenterOfMassShift, Motion
 from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
+from experiments.laps import Laps
 from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, guarantee_figures, summarise, versions
 from experiments.options import FilterOptions, PlantOptions, RunOptions
@@ -21,9 +22,10 @@ from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.messages import RobotState
+from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
+from safety.rows import FAMILIES
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 STANDARD_NOISE = SensorNoise(
@@ -36,8 +38,11 @@ STANDARD_NOISE = SensorNoise(
 )
 """Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
 
+LAYERED = ("ssa", "rssa", "pssa", "sss")
+"""Filters whose conditions switch on at a margin, and may do so over a layer."""
+
 MAX_STEPS = 600_000
-"""Most physics steps of one run; each leaves about 2 kB behind."""
+"""Most physics steps of one run; each leaves 2 to 4 kB behind."""
 
 SETTLE = 1.5
 """Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
@@ -67,9 +72,12 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     """Changes to a robot's controller configuration that the filter's options ask for.
 
     Raises:
-        ConfigError: alpha or epsilon is not positive and finite.
+        ConfigError: alpha or epsilon is not positive and finite, or the layer not 0 or above.
     """
     safety = controller_config(robot).safety
+    if options.layer is not None:
+        families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
+        safety = dataclasses.replace(safety, **families)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
     return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
@@ -112,13 +120,19 @@ def check_options(options: RunOptions) -> RobotDescription:
     return robot
 
 
-def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], None] | None = None) -> RunResult:
+def run(
+    scenario: Scenario,
+    options: RunOptions,
+    progress: Callable[[float], None] | None = None,
+    laps: Laps | None = None,
+) -> RunResult:
     """Run one experiment from its options.
 
     Args:
         scenario: what happens.
         options: of the run.
         progress: called with the simulated time now and then.
+        laps: books where the time goes.
 
     Returns:
         The result, not yet saved.
@@ -126,47 +140,53 @@ def run(scenario: Scenario, options: RunOptions, progress: Callable[[float], Non
     Raises:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
-    robot = check_options(options)
-    control, plant_settings = control_config(robot, options, scenario), plant_config(options.plant)
-    plant = MujocoPlant(robot, plant_settings, np.random.default_rng(options.seed))
-    loop = _make_loop(scenario, options, plant, control, progress)
-    shadow = None
-    if scenario.extra is not None:
-        controller = WholeBodyController(robot, control, with_hands=scenario.hands is not None)
-        start = plant.true_state()
-        shadow = scenario.extra(controller, _cast(scenario, controller, start), start.q, options.duration)
+    laps = Laps() if laps is None else laps
+    loop = _make_loop(scenario, options, progress, laps)
+    plant, control = loop.plant, loop.supervisor.controller.config
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
+    laps.book("set-up")
+    shadow = _shadow(scenario, plant, control, options.duration)
+    laps.book("reference motion")
+    loop.supervisor.controller.warm_up()
+    laps.book("set-up")
     outcome = loop.run(options.duration)
     series = loop.series() | {"support_polygon": polygon}
     steps, ticks = len(series["step_time"]), len(series["time"])
-    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in (shadow or {}).items()}
+    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in shadow.items()}
     measured = summarise(series, outcome) | {"first_relaxed": loop.first_relaxed}
-    measured |= guarantee_figures(series, control, len(robot.leg_pairs))
+    measured |= guarantee_figures(series, control, len(plant.robot.leg_pairs))
     if scenario.figures is not None:
-        measured |= scenario.figures(robot, series)
+        measured |= scenario.figures(plant.robot, series)
     summary = _head(scenario, options, control, loop.supervisor) | measured | {"versions": versions()}
-    config = resolved_config(scenario.experiment, options, control, plant_settings)
-    return RunResult(robot, config | dict(scenario.settings), summary, series)
+    config = resolved_config(scenario.experiment, options, control, plant.config) | dict(scenario.settings)
+    laps.book("series and summary")
+    return RunResult(plant.robot, config, summary, series)
 
 
 def _make_loop(
-    scenario: Scenario,
-    options: RunOptions,
-    plant: MujocoPlant,
-    control: ControllerConfig,
-    progress: Callable[[float], None] | None,
+    scenario: Scenario, options: RunOptions, progress: Callable[[float], None] | None, laps: Laps
 ) -> ClosedLoop:
     """Plant at its first posture, controller, references and what moves them."""
-    robot, hands = plant.robot, scenario.hands is not None
-    q0 = standing_configuration(robot, scenario.posture)
-    plant.reset(q0)
+    robot = check_options(options)
+    control = control_config(robot, options, scenario)
+    plant = MujocoPlant(robot, plant_config(options.plant), np.random.default_rng(options.seed))
+    plant.reset(standing_configuration(robot, scenario.posture))
     kinds = () if scenario.encounter is None else ("sphere",)
-    supervisor = Supervisor(WholeBodyController(robot, control, hands, obstacle_kinds=kinds))
+    supervisor = Supervisor(WholeBodyController(robot, control, scenario.hands is not None, obstacle_kinds=kinds))
     cast = _cast(scenario, supervisor.controller, plant.true_state())
     encounter = None
     if scenario.encounter is not None:
         encounter = scenario.encounter(robot, cast.reference, np.random.default_rng([options.seed, 1]))
-    return ClosedLoop(plant, supervisor, cast, encounter, options.nan_at, progress, scenario.pushes)
+    return ClosedLoop(plant, supervisor, cast, encounter, options.nan_at, progress, scenario.pushes, laps)
+
+
+def _shadow(scenario: Scenario, plant: MujocoPlant, control: ControllerConfig, duration: float) -> dict[str, Array]:
+    """The scenario's further series, from a controller and a cast of their own."""
+    if scenario.extra is None:
+        return {}
+    controller = WholeBodyController(plant.robot, control, with_hands=scenario.hands is not None)
+    start = plant.true_state()
+    return scenario.extra(controller, _cast(scenario, controller, start), start.q, duration)
 
 
 def _cast(scenario: Scenario, controller: WholeBodyController, state: RobotState) -> Cast:
@@ -192,6 +212,7 @@ def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, su
         "mass_scale": options.plant.mass_scale,
         "alpha": control.safety.self_collision.alpha if control.filter in {"cbf", "issf", "ecbf"} else None,
         "epsilon": control.safety.self_collision.epsilon if control.filter == "issf" else None,
+        "layer": control.safety.self_collision.layer if control.filter in LAYERED else None,
         "seed": options.seed,
         "pushes": [f"{p.force:.3g} N towards {p.direction:.3g} deg at {p.time:.3g} s" for p in scenario.pushes],
         "stop_cause": supervisor.cause,

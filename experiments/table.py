@@ -108,6 +108,7 @@ def run_folder(options: RunOptions) -> str:
         motion += "" if options.plant.mass_scale == USUAL_MASS_SCALE else f"-mass-{options.plant.mass_scale:g}"
     case = f"-{describe_case(options)}" if options.plant.link_mass or options.plant.noise_scale else ""
     case += f"-epsilon-{options.safety.epsilon:g}" if options.safety.epsilon is not None else ""
+    case += f"-layer-{options.safety.layer:g}" if options.safety.layer is not None else ""
     return f"{options.robot}-{options.safety.filter}-{motion}{case}".replace(" ", "-").replace(",", "")
 
 

@@ -3,6 +3,7 @@
 import io
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,11 +16,12 @@ from rich.text import Text
 from experiments.console import make_console
 from experiments.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.figures import Figure
+from experiments.options import BenchOptions
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
 
-TABLE_WIDTH = 118
+TABLE_WIDTH = 136
 """Width of the widest table."""
 
 RATES = (30.0, 60.0, 100.0)
@@ -38,7 +40,9 @@ TRACKING = (
     Figure("speed_rms", "speed", "m/s"),
     Figure("velocity_rmse", "v error", "m/s"),
     Figure("velocity_step", "v step", "m/s"),
+    Figure("velocity_step_at_once", "at once", "m/s"),
     Figure("lag_ms", "lag", "ms"),
+    Figure("lag_at_once_ms", "at once", "ms"),
     Figure("raw_rmse_m", "raw", "mm", 1e3),
     Figure("position_rmse_m", "filtered", "mm", 1e3),
     Figure("velocity_within_3_sigma", "3 sigma", "%", 1e2),
@@ -46,6 +50,11 @@ TRACKING = (
     Figure("nees", "NEES", "of 6"),
     Figure("rejected", "rejected"),
 )
+
+
+def bench_tracking(options: BenchOptions) -> int:
+    """:func:`tracking`, from the command line."""
+    return tracking(options.out)
 
 
 def tracking(out: Path | None, seed: int = 0) -> int:
@@ -101,15 +110,25 @@ def tracking_study(seed: int = 0, rates: Sequence[float] = RATES, duration: floa
         duration: of each run, above ``SETTLED`` [s].
 
     Returns:
-        A row each; see :func:`track_figures`.
+        A row each; see :func:`track_figures`. Two of them once more for a track that hands out at once what a
+        measurement changes.
     """
-    return [
-        {"motion": name, "rate_hz": rate, "model": model.removeprefix("constant_")}
-        | track_figures(follow(motion, rate, TrackerSettings(position_noise=NOISE, model=model), seed, duration))
-        for name, motion in study_motions(seed).items()
-        for rate in rates
-        for model in MODELS
-    ]
+    rows: list[dict[str, Any]] = []
+    for name, motion in study_motions(seed).items():
+        for rate in rates:
+            for model in MODELS:
+                settings = TrackerSettings(position_noise=NOISE, model=model)
+                blended, at_once = (
+                    track_figures(follow(motion, rate, s, seed, duration))
+                    for s in (settings, replace(settings, blending=0.0))
+                )
+                case = {"motion": name, "rate_hz": rate, "model": model.removeprefix("constant_")}
+                rows.append(
+                    case
+                    | blended
+                    | {"velocity_step_at_once": at_once["velocity_step"], "lag_at_once_ms": at_once["lag_ms"]}
+                )
+    return rows
 
 
 def follow(
@@ -119,8 +138,9 @@ def follow(
 
     Returns:
         By name, a row per ``TICK``: ``time`` [s]; ``true``, ``estimate`` (n, 6), position [m] and velocity [m/s];
-        ``raw`` (n, 3), the last measurement [m]; ``sigma`` (n, 6), standard deviations; ``nees``; ``nis`` and ``step``
-        (n, 3), change of the estimated velocity [m/s], both NaN where nothing was measured; ``rejected`` (n,), count.
+        ``raw`` (n, 3), the last measurement [m]; ``sigma`` (n, 6), standard deviations; ``nees``; ``nis``, NaN where
+        nothing was measured; ``step`` (n, 3), change of the estimated velocity since the row before [m/s], 0 in the
+        first; ``rejected`` (n,), count.
     """
     track, sensor = ObstacleTrack(settings), PositionSensor(rate, NOISE, np.random.default_rng([seed, 2]))
     rows: list[dict[str, Any]] = []
@@ -128,12 +148,12 @@ def follow(
     for t in TICK * np.arange(round(duration / TICK)):
         truth = np.concatenate([motion.position(t), motion.velocity(t)])
         measured = sensor.measure(truth[:3], t)
-        step, nis = np.full(3, np.nan), np.nan
+        nis = np.nan
         if measured is not None:
-            before = track.estimate(t)[1] if rows else np.zeros(3)
-            track.measure(measured, t)
-            raw, step, nis = measured, track.estimate(t)[1] - before, track.nis
+            track.measure(measured, t, t - TICK)
+            raw, nis = measured, track.nis
         estimate = np.concatenate(track.estimate(t))
+        step = estimate[3:] - rows[-1]["estimate"][3:] if rows else np.zeros(3)
         covariance = track.covariance(t)[:6, :6]
         error = estimate - truth
         rows.append(
@@ -163,7 +183,7 @@ def track_figures(series: Mapping[str, Array]) -> dict[str, Any]:
     return {
         "speed_rms": _rms(s["true"][:, 3:]),
         "velocity_rmse": _rms(error[:, 3:]),
-        "velocity_step": _rms(s["step"][~np.isnan(s["nis"])]),
+        "velocity_step": _rms(s["step"]),
         "lag_ms": 1e3 * lag(s["true"][:, 3:], s["estimate"][:, 3:]),
         "raw_rmse_m": _rms(s["raw"] - s["true"][:, :3]),
         "position_rmse_m": _rms(error[:, :3]),
@@ -195,20 +215,30 @@ def _rms(vectors: Array) -> float:
 
 
 def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> bytes:
-    """Estimated against true velocity of the three motions, one coordinate; a PNG."""
+    """Estimated against true velocity of the three motions, one coordinate, and a part of it up close; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
     from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
 
-    drawing = Drawing(figsize=(WIDTH, 7.2), dpi=DPI, layout="constrained")
-    axes = drawing.subplots(3, 1, sharex=True)
-    for axis, (name, motion) in zip(axes, study_motions(seed).items(), strict=True):
+    drawing = Drawing(figsize=(WIDTH, 9.6), dpi=DPI, layout="constrained")
+    axes = drawing.subplots(4, 1)
+    motions = study_motions(seed)
+    for axis, (name, motion) in zip(axes, motions.items(), strict=False):
         for model, colour in zip(MODELS, FILTERED, strict=False):
             settings = TrackerSettings(position_noise=NOISE, model=model)
             series = follow(motion, rate, settings, seed, duration)
             axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
         axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
         axis.set_title(name, fontsize=9, color=INK, fontweight="bold")
+    for blending, style in ((TrackerSettings().blending, "-"), (0.0, ":")):
+        settings = TrackerSettings(position_noise=NOISE, blending=blending)
+        series = follow(motions["circular"], rate, settings, seed, duration)
+        words = "measurements fed in" if blending else "measurements at once"
+        axes[3].plot(series["time"], series["estimate"][:, 3], color=FILTERED[0], lw=1.1, ls=style, label=words)
+    axes[3].set(xlim=(2.0, 2.3), ylim=(0.25, 0.65))
+    axes[3].set_title("circular, constant velocity, up close", fontsize=9, color=INK, fontweight="bold")
+    axes[3].legend(frameon=False, fontsize=8)
+    for axis in axes:
         axis.set_ylabel("velocity, x [m/s]", fontsize=8.5, color=INK)
         axis.grid(True, color=GRID, lw=0.8)
         axis.tick_params(colors=INK, labelsize=8, length=0)

@@ -1,25 +1,88 @@
-"""Compiles the kernels before anything is timed or a person waits for it unawares."""
+"""Compiles the kernels before anything is timed or a person waits for it unawares, and tells where they are kept."""
 
-import numpy as np
+import sys
+import time
+from contextlib import AbstractContextManager, nullcontext, suppress
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from pkgutil import iter_modules
+from typing import Any
+
+from numba.core.registry import CPUDispatcher
 from rich.console import Console
 
 from controllers.config import controller_config
-from controllers.reference import reference_here
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription
-from robots.messages import RobotState
-from robots.pinocchio_model import standing_configuration
-from safety.obstacles import Obstacle
+from robots.loader import BUILT_IN, load_robot
+from safety.filters import FILTERS
+from safety.obstacles import KINDS
+
+PACKAGES = ("robots", "wbc", "safety", "controllers", "sims")
+"""Where kernels may be; those whose signature is given are compiled when their module is imported."""
+
+
+@dataclass(frozen=True, slots=True)
+class Preparation:
+    """What filling the caches came to.
+
+    Attributes:
+        kernels: compiled functions of the packages.
+        compiled: how often one of them was compiled in this process.
+        loaded: how often one was found in the cache instead.
+        folders: where the cache is.
+        seconds: what it took [s].
+    """
+
+    kernels: int
+    compiled: int
+    loaded: int
+    folders: tuple[Path, ...]
+    seconds: float
 
 
 def warm_up(console: Console, robot: RobotDescription) -> None:
-    """Run one tick of the controller, which compiles every kernel; later runs find them in numba's cache."""
-    with console.status("preparing (the first run compiles its kernels, which takes some 10 seconds)"):
-        controller = WholeBodyController(robot, controller_config(robot), with_hands=True, obstacle_kinds=("sphere",))
-        q = standing_configuration(robot)
-        kin = controller.kin
-        kin.update(q, np.zeros(kin.nv))
-        reference = reference_here(kin, with_hands=True)
-        state = RobotState(q, np.zeros(kin.nv), np.zeros(kin.nv - 6), 0.0)
-        far = Obstacle.sphere(np.array([100.0, 0.0, 0.0]), 0.1)
-        controller.tick(state, reference, [far])
+    """Go through the ticks of a robot's controller, which compiles every kernel; later runs find them in the cache."""
+    with console.status("preparing (the first run compiles its kernels, which takes some 20 seconds)"):
+        WholeBodyController(robot, controller_config(robot), with_hands=True, obstacle_kinds=("sphere",)).warm_up()
+
+
+def fill_caches() -> Preparation:
+    """Have every kernel of every filter, obstacle and robot that comes with the project in numba's cache."""
+    start = time.perf_counter()
+    _import_all()
+    for name in BUILT_IN:
+        robot = load_robot(name)
+        for safety_filter in FILTERS:
+            config = controller_config(robot, filter=safety_filter)
+            WholeBodyController(robot, config, with_hands=True, obstacle_kinds=KINDS).warm_up()
+    found = kernels()
+    stats = [k.stats for k in found]
+    return Preparation(
+        kernels=len(found),
+        compiled=sum(sum(s.cache_misses.values()) for s in stats),
+        loaded=sum(sum(s.cache_hits.values()) for s in stats),
+        folders=tuple(sorted({Path(s.cache_path) for s in stats if s.cache_path})),
+        seconds=time.perf_counter() - start,
+    )
+
+
+def _import_all() -> None:
+    """Import every module of the packages; where MuJoCo does not load (a check of its own), those without it."""
+    try:
+        import_module("mujoco")
+        errors: AbstractContextManager[Any] = nullcontext()
+    except Exception:  # what is raised depends on the OpenGL binding that the environment asks for
+        errors = suppress(Exception)
+    for package in PACKAGES:
+        for module in iter_modules(import_module(package).__path__, f"{package}."):
+            with errors:
+                import_module(module.name)
+
+
+def kernels() -> list[CPUDispatcher]:
+    """The compiled functions of all modules of the packages that are imported by now, each once."""
+    modules = [m for name, m in sorted(sys.modules.items()) if name.split(".")[0] in PACKAGES]
+    found = (value for module in modules for value in vars(module).values() if isinstance(value, CPUDispatcher))
+    return list({id(k): k for k in found}.values())

@@ -57,6 +57,7 @@ class Kinematics:
             [velocity of the point at the world's origin; angular velocity], world axes.
         joint_transforms: shape (njoints, 12); row i is rotation (column-major) and translation of joint i's frame in
             the world; row 0 is the world itself, which carries what does not move.
+        frame_transforms: shape (nframes, 12); row i is the placement of frame i in the world, likewise.
         support: shape (njoints, nv); 1 where velocity index k moves joint i's frame, 0 elsewhere.
         joint_velocities: shape (njoints, 6); row i is the spatial velocity of the body that joint i carries, as
             [velocity of its point at the world's origin [m/s]; angular velocity [rad/s]], world axes.
@@ -121,7 +122,8 @@ class Kinematics:
         self.com = self._borrow(self.data.com[0])
         self.com_velocity = self._borrow(self.data.vcom[0])
         self.com_jacobian = self._borrow(self.data.Jcom)
-        self.joint_transforms = self._joint_transforms_view()
+        self.joint_transforms = self._transforms_view(self.data.oMi, self.model.njoints)
+        self.frame_transforms = self._transforms_view(self.data.oMf, self.model.nframes)
         self._frame_ids: dict[str, int] = {f.name: i for i, f in enumerate(self.model.frames)}
         self._placements = self._frame_placement_views()
         self.support = self._support_mask()
@@ -136,18 +138,16 @@ class Kinematics:
         """The same memory as ``view``, kept for as long as the array returned is in use."""
         return np.asarray(_Borrowed(self.data, view.__array_interface__))
 
-    def _joint_transforms_view(self) -> Array:
-        """One array over the joint placements, which pinocchio keeps side by side in memory."""
-        first = self.data.oMi[0].rotation
+    def _transforms_view(self, placements: Sequence[pin.SE3], count: int) -> Array:
+        """One array over placements, which pinocchio keeps side by side in memory."""
+        first = placements[0].rotation
         address = first.__array_interface__["data"][0]
-        for i in range(self.model.njoints):
-            placement = self.data.oMi[i]
-            rotation = placement.rotation.__array_interface__["data"][0]
-            translation = placement.translation.__array_interface__["data"][0]
+        for i in range(count):
+            rotation = placements[i].rotation.__array_interface__["data"][0]
+            translation = placements[i].translation.__array_interface__["data"][0]
             if rotation != address + i * SE3_BYTES or translation != rotation + 72:
-                raise RuntimeError("pinocchio's SE3 layout changed: joint placements are not 12 doubles side by side")
-        shape = (self.model.njoints, 12)
-        interface = {"data": (address, False), "shape": shape, "typestr": first.dtype.str, "version": 3}
+                raise RuntimeError("pinocchio's SE3 layout changed: placements are not 12 doubles side by side")
+        interface = {"data": (address, False), "shape": (count, 12), "typestr": first.dtype.str, "version": 3}
         return np.asarray(_Borrowed(self.data, interface))
 
     def _frame_placement_views(self) -> list[tuple[Array, Array]]:

@@ -55,6 +55,7 @@ class BarrierSet:
         self.slices: dict[str, slice] = {}
         self.primary: dict[str, Indices] = {}
         self._starts: list[int] = []
+        self._parts: list[tuple[Barrier, Array, Array, Array, Array]] = []
         start = 0
         for b in barriers:
             first = self.slices.get(b.family, slice(start, start))
@@ -64,6 +65,8 @@ class BarrierSet:
             known = self.primary.get(b.family, np.zeros(0, dtype=np.intp))
             self.primary[b.family] = np.concatenate([known, start + b.primary()])
             self._starts.append(start)
+            rows = slice(start, start + b.size)
+            self._parts.append((b, self._h[rows], self._jac[rows], self._drift[rows], self._curvature[rows]))
             start += b.size
         self.size = n
         for b in barriers:
@@ -82,11 +85,10 @@ class BarrierSet:
         self._kin = kin
         for bodies in self._bodies:
             bodies.place(kin)
-        for start, b in zip(self._starts, self.barriers, strict=True):
-            rows = slice(start, start + b.size)
-            b.write(kin, self._h[rows], self._jac[rows], self._drift[rows])
+        for b, h, jac, drift, second in self._parts:
+            b.write(kin, h, jac, drift)
             if second_order:
-                b.write_curvature(kin, self._curvature[rows])
+                b.write_curvature(kin, second)
         curvature = self._curvature if second_order else None
         return BarrierRows(self._h, self._jac, self._drift, self._family, curvature, self.cartesian)
 
@@ -112,6 +114,7 @@ def standard_barriers(
     obstacle_kinds: Sequence[str] = (),
     extra: Sequence[Barrier] = (),
     keep_fixed: bool = False,
+    distances_only: bool = False,
 ) -> BarrierSet:
     """The four families of eqs. (34)-(37) of Lee et al. for a robot description.
 
@@ -122,14 +125,16 @@ def standard_barriers(
         keep_fixed: whether to keep the distances that no rate of ``v`` changes: between bodies that no moving joint
             separates, and of obstacles to bodies that stand still. A filter can do nothing about them, a recorder wants
             them.
+        distances_only: whether to leave out the rows of capsules' ends beside the distance of two bodies of the robot.
+            A filter needs them, a recorder does not.
     """
     bodies = CollisionBodies(kin)
     legs = kin.robot.leg_pairs
     pairs = [p for p in kin.robot.self_collision_pairs if keep_fixed or _separable(kin, bodies, p)]
     barriers: list[Barrier] = [
         JointLimitBarrier(kin),
-        SelfCollisionBarrier("self_collision", bodies, [p for p in pairs if p not in legs]),
-        SelfCollisionBarrier("leg_collision", bodies, [p for p in pairs if p in legs]),
+        SelfCollisionBarrier("self_collision", bodies, [p for p in pairs if p not in legs], not distances_only),
+        SelfCollisionBarrier("leg_collision", bodies, [p for p in pairs if p in legs], not distances_only),
         WorkspaceBarrier(kin),
     ]
     if obstacle_kinds:

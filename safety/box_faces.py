@@ -89,9 +89,10 @@ def share_way_out(
     """
     point = np.empty(3)
     for i in range(table.shape[0]):
-        out, whole, feature = contacts[table[i, 0]], contacts[table[i, 1]], table[i, 4]
-        if not whole[6] <= TOUCHING:
+        # before any view of a row: most segments are outside
+        if not contacts[table[i, 1], 6] <= TOUCHING:
             continue
+        out, whole, feature = contacts[table[i, 0]], contacts[table[i, 1]], table[i, 4]
         start, along = origin[table[i, 2]], direction[table[i, 2]]
         centre, rotation, e = centres[table[i, 3]], rotations[table[i, 3]], half_sizes[table[i, 3]]
         face, side = _facing(whole[3:6], rotation)

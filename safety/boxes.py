@@ -133,28 +133,38 @@ def _least_translation(p: Array, d: Array, e: Array, n: Array, m: Array) -> tupl
 
 
 @njit(cache=True, error_model="numpy")
-def _write_free(rotation: Array, axis: int, direction: Array, owner: float, free: int, out: Array) -> None:
-    """Writes free direction number ``free``: the box's ``axis``, or for owner 1 the segment's ``direction``."""
-    length = math.sqrt(direction[0] ** 2 + direction[1] ** 2 + direction[2] ** 2)
+def _write_box_axis(rotations: Array, box: int, axis: int, free: int, row: int, contacts: Array) -> None:
+    """Writes an axis of the box as the contact's free direction number ``free`` (0 or 1)."""
     for k in range(3):
-        out[7 + 3 * free + k] = rotation[k, axis] if owner < 0.0 else direction[k] / length
-    out[13 + free] = owner
+        contacts[row, 7 + 3 * free + k] = rotations[box, k, axis]
+    contacts[row, 13 + free] = -1.0
 
 
 @njit(cache=True, error_model="numpy")
-def _write_outside_free(p: Array, d: Array, e: Array, s: float, rotation: Array, direction: Array, out: Array) -> None:
+def _write_segment_axis(along: Array, free: int, row: int, contacts: Array) -> None:
+    """Likewise the unit vector of the segment ``along`` (3,)."""
+    length = math.sqrt(along[0] ** 2 + along[1] ** 2 + along[2] ** 2)
+    for k in range(3):
+        contacts[row, 7 + 3 * free + k] = along[k] / length
+    contacts[row, 13 + free] = 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _write_outside_free(
+    p: Array, d: Array, e: Array, s: float, rotations: Array, box: int, along: Array, row: int, contacts: Array
+) -> None:
     """Free directions outside the box: its axes where the point is not clamped, the segment's between its ends."""
     free, last = 0, -1
     for k in range(3):
         if abs(p[k] + s * d[k]) <= e[k] and free < 2:
-            _write_free(rotation, k, direction, -1.0, free, out)
+            _write_box_axis(rotations, box, k, free, row, contacts)
             free, last = free + 1, k
     squared = d[0] * d[0] + d[1] * d[1] + d[2] * d[2]
     if free == 2 or not 0.0 < s < 1.0 or squared <= 1e-18:
         return
     # along an edge the segment adds a direction only where it is not parallel to it
     if free == 0 or squared - d[last] * d[last] > ALIGNED * squared:
-        _write_free(rotation, 0, direction, 1.0, free, out)
+        _write_segment_axis(along, free, row, contacts)
 
 
 @njit(cache=True, error_model="numpy")
@@ -183,37 +193,43 @@ def box_contacts(
             1 its start, 2 its end.
         contacts: shape (n, ``safety.geometry.CONTACT_SIZE``), written.
     """
-    p, d, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    # numbers and small arrays, not views of the rows: handing those on takes longer than the geometry
+    p, d, e, n, m = np.empty(3), np.empty(3), np.empty(3), np.empty(3), np.empty(3)
+    along, offset = np.empty(3), np.empty(3)
     for i in range(table.shape[0]):
-        out, feature = contacts[table[i, 0]], table[i, 3]
-        start, along = origin[table[i, 1]], direction[table[i, 1]]
-        centre, rotation, e = centres[table[i, 2]], rotations[table[i, 2]], half_sizes[table[i, 2]]
+        row, body, box, feature = table[i, 0], table[i, 1], table[i, 2], table[i, 3]
         # an end alone is a segment of no length
         shift, share = (1.0 if feature == 2 else 0.0), (1.0 if feature == 0 else 0.0)
         for k in range(3):
+            e[k], along[k] = half_sizes[box, k], direction[body, k]
+            offset[k] = origin[body, k] + shift * along[k] - centres[box, k]
+        for k in range(3):
             p[k] = d[k] = 0.0
             for r in range(3):
-                p[k] += rotation[r, k] * (start[r] + shift * along[r] - centre[r])
-                d[k] += rotation[r, k] * share * along[r]
-        s, squared = box_parameter(p, d, e), 0.0
+                p[k] += rotations[box, r, k] * offset[r]
+                d[k] += rotations[box, r, k] * share * along[r]
+        s = box_parameter(p, d, e) if feature == 0 else 0.0
+        squared = 0.0
         for k in range(3):
             n[k] = _excess(p[k] + s * d[k], e[k])
             squared += n[k] * n[k]
-        out[13] = out[14] = 0.0
+        contacts[row, 13] = contacts[row, 14] = 0.0
         if squared > TOUCHING * TOUCHING:
-            out[6] = math.sqrt(squared)
+            distance = math.sqrt(squared)
             for k in range(3):
-                n[k] /= out[6]
-            _write_outside_free(p, d, e, s, rotation, along, out)
+                n[k] /= distance
+            _write_outside_free(p, d, e, s, rotations, box, along, row, contacts)
         else:
-            out[6], s, edge = _least_translation(p, d, e, n, m)
+            distance, s, edge = _least_translation(p, d, e, n, m)
             if edge >= 0:
-                _write_free(rotation, edge, along, 1.0, 0, out)
-                _write_free(rotation, edge, along, -1.0, 1, out)
+                _write_segment_axis(along, 0, row, contacts)
+                _write_box_axis(rotations, box, edge, 1, row, contacts)
             else:
                 axis = 0 if n[0] != 0.0 else 1 if n[1] != 0.0 else 2
-                _write_free(rotation, (axis + 1) % 3, along, -1.0, 0, out)
-                _write_free(rotation, (axis + 2) % 3, along, -1.0, 1, out)
+                _write_box_axis(rotations, box, (axis + 1) % 3, 0, row, contacts)
+                _write_box_axis(rotations, box, (axis + 2) % 3, 1, row, contacts)
+        contacts[row, 6] = distance
         for k in range(3):
-            out[k] = start[k] + (shift + s * share) * along[k]
-            out[3 + k] = rotation[k, 0] * n[0] + rotation[k, 1] * n[1] + rotation[k, 2] * n[2]
+            contacts[row, k] = origin[body, k] + (shift + s * share) * along[k]
+            total = rotations[box, k, 0] * n[0] + rotations[box, k, 1] * n[1] + rotations[box, k, 2] * n[2]
+            contacts[row, 3 + k] = total

@@ -11,6 +11,11 @@ What is left of a promise in discrete time: with the velocity held for a step dt
 - SSA and SSS see a row only once it is inside its margin, so one step may carry it in by :math:`dt\,V`, where V bounds
   the rate at which h falls. SSA then raises it again if :math:`c\,dt \le 2\eta`: :math:`h_k \ge d_{min} - dt\,V`. SSS,
   for :math:`\lambda\,dt \le 1`: :math:`h_k \ge d_{min} - \max(dt\,V,\; c\,dt/(2\lambda))`.
+- SSA with a boundary layer of width w sees its rows from afar and is, for :math:`h \ge d_{min} - w`, the CBF with
+  :math:`\alpha = \eta/w`. So for :math:`\eta\,dt \le w` and :math:`c\,dt \le 2\eta`, from :math:`h_0 \ge d_{min}` on
+  :math:`h_k \ge d_{min} - c\,dt\,w/(2\eta)`, which is inside the layer; V does not enter, and no margin is needed for
+  it. From below the layer each step raises h by :math:`\eta\,dt - \tfrac12 c\,dt^2` or more until it is in it. SSS with
+  a layer is the CBF with :math:`\alpha = \lambda` and its margin.
 - SMA and PFM hold one row at a time and promise nothing about the others.
 
 V counts what moves by itself: an obstacle's own speed, along the normal, adds to the robot's.
@@ -66,29 +71,39 @@ class FamilyParameters:
             ``|jac|^2 / (alpha epsilon)``. Unit: that of |jac|^2 over that of the rate of h, e.g. [m s/rad^2].
         margin: d_min, the h to keep [m or rad], 0 or above; ``None`` for the filter's own.
         eta: rate at which SSA, r-SSA and p-SSA leave the margin [m/s or rad/s], above 0.
+        layer: w, depth inside the margin over which SSA, r-SSA and p-SSA come to ask for eta [m or rad]; 0 for the
+            papers' switch at the margin. Above 0 it makes SSS see its rows outside the margin too.
         slope: lambda of SSS [1/s], above 0.
         slack_weight: weight of squared violation in r-SSA [s/m squared times that of |v|^2], above 0.
         push_cartesian: velocity that PFM adds to the worst row's point [m/s], above 0.
         push_joint: velocity that SMA adds per gradient of the worst row [rad/s per m/rad], above 0.
         index_gain: k of the second-order index [s for power 1], above 0.
         index_power: n of the second-order index, 1 or above: below, its slope at h = 0 is infinite.
+        recovery_depth: a row lower than minus this [m or rad] is lost, see :mod:`safety.recovery`; above 0.
+        recovery_speed: by how much more than at h = 0 a lost row may ask of the rate of h [m/s or rad/s], above 0.
+        recovery_acceleration: at which a lost row may ask for more [m/s^2 or rad/s^2], above 0.
     """
 
     alpha: float = 5.0
     epsilon: float = 5.0
     margin: float | None = None
     eta: float = 0.5
+    layer: float = 0.0
     slope: float = 10.0
     slack_weight: float = 10.0
     push_cartesian: float = 0.1
     push_joint: float = 40.0
     index_gain: float = 1.0
     index_power: float = 1.0
+    recovery_depth: float = 0.005
+    recovery_speed: float = 0.25
+    recovery_acceleration: float = 2.0
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            if name != "margin":
+            if name not in ("margin", "layer"):
                 require_positive(name, getattr(self, name))
+        require_non_negative("layer", self.layer)
         if self.margin is not None:
             require_non_negative("margin", self.margin)
         if self.index_power < 1:
@@ -103,12 +118,16 @@ class RowParameters:
     epsilon: Array
     margin: Array
     eta: Array
+    layer: Array
     slope: Array
     slack_weight: Array
     push_cartesian: Array
     push_joint: Array
     index_gain: Array
     index_power: Array
+    recovery_depth: Array
+    recovery_speed: Array
+    recovery_acceleration: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -185,16 +204,35 @@ def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
 
     .. math:: J_i v + \partial_t h_i \ge \eta_i \quad\text{where}\quad h_i \le d_{min,i}
 
-    Source: eqs. (6b), (9b), (10b), (12b) of the p-SSA paper, eq. (5) of SPARK.
+    This switches on and off at the margin, and what follows it with torques rattles there. With a boundary layer, as
+    sliding mode control has it for the same reason,
+
+    .. math:: J_i v + \partial_t h_i \ge \eta_i \min(1,\; (d_{min,i} - h_i) / w_i)
+
+    everywhere: as much from the depth w inside the margin on, less above, and continuous. Above the margin it lets h
+    fall, the slower the closer. What that keeps: where the rate is met to within :math:`\delta \le \eta`,
+
+    .. math:: h(t) \ge d_{min} - w\,\delta/\eta \quad\text{from}\quad h(0) \ge d_{min} - w\,\delta/\eta,
+
+    for there :math:`\dot h \ge \eta (d_{min} - h)/w - \delta`, which is 0 on that boundary. From below the layer h is
+    in it after :math:`(d_{min} - w - h(0))/(\eta - \delta)` at the latest. The paper's switch comes back to the margin
+    itself in a finite time; with the layer h comes as close as :math:`w\,\delta/\eta` to it, exponentially.
+
+    Source: eqs. (6b), (9b), (10b), (12b) of the p-SSA paper, eq. (5) of SPARK; the layer: Slotine and Li, Applied
+    Nonlinear Control, section 7.2.
 
     Args:
         rows: n barrier rows.
-        parameters: eta and margin are read.
+        parameters: eta, layer and margin are read.
 
     Returns:
-        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin.
+        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin, and all that have
+        a layer.
     """
-    return HalfSpaces(rows.jac, parameters.eta - rows.drift, rows.h <= parameters.margin)
+    depth, width = parameters.margin - rows.h, parameters.layer
+    layered = width > 0
+    share = np.where(layered, np.minimum(depth / np.where(layered, width, 1.0), 1.0), 1.0)
+    return HalfSpaces(rows.jac, parameters.eta * share - rows.drift, (depth >= 0) | layered)
 
 
 def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
@@ -202,17 +240,21 @@ def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
 
     .. math:: J_i v + \partial_t h_i \ge -\lambda_i (h_i - d_{min,i}) \quad\text{where}\quad h_i \le d_{min,i}
 
+    What it asks for is zero at the margin, where it lets h fall at any rate a moment before. With a layer (of any
+    width) the same is asked for everywhere, which is a CBF with this margin.
+
     Source: eq. (7) of SPARK.
 
     Args:
         rows: n barrier rows.
-        parameters: slope and margin are read.
+        parameters: slope, layer and margin are read.
 
     Returns:
-        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin.
+        A (n, nv) is the rows' own ``jac``, b (n,) is new; active are the rows inside their margin, and all that have
+        a layer.
     """
     depth = parameters.margin - rows.h
-    return HalfSpaces(rows.jac, parameters.slope * depth - rows.drift, depth >= 0)
+    return HalfSpaces(rows.jac, parameters.slope * depth - rows.drift, (depth >= 0) | (parameters.layer > 0))
 
 
 def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:

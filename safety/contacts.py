@@ -97,14 +97,20 @@ class SelfCollisionBarrier(ContactBarrier):
     Source: eqs. (41)-(44) of Lee et al.
     """
 
-    def __init__(self, family: str, bodies: CollisionBodies, pairs: Sequence[tuple[str, str]]) -> None:
-        """``pairs`` of names of collision bodies; ``family`` is ``self_collision`` or ``leg_collision``."""
+    def __init__(
+        self, family: str, bodies: CollisionBodies, pairs: Sequence[tuple[str, str]], ends: bool = True
+    ) -> None:
+        """``pairs`` of names of collision bodies; ``family`` is ``self_collision`` or ``leg_collision``.
+
+        Without ``ends`` there are the distances only.
+        """
         self.family, self.bodies = family, bodies
         index = {n: i for i, n in enumerate(bodies.names)}
         indices = [(index[a], index[b]) for a, b in pairs]
         self._n_pairs = len(indices)
         rows = [(a, b, CLOSEST) for a, b in indices]
-        rows += [(a, b, end) for a, b in indices if bodies.proper[a] and bodies.proper[b] for end in ENDS]
+        proper = [(a, b) for a, b in indices if bodies.proper[a] and bodies.proper[b]]
+        rows += [(a, b, end) for a, b in proper if ends for end in ENDS]
         self._table = np.array([(i, *row) for i, row in enumerate(rows)], dtype=np.intp).reshape(-1, 4)
         _, a, b, _ = self._table.T
         self._reach = bodies.radius[a] + bodies.radius[b]

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from safety.filter_kernels import metric, survey
 from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
 from safety.kernels import all_numbers
+from safety.recovery import Eased, Recovery, RecoverySettings
 from safety.resolutions import (
     INFEASIBLE,
     CartesianPush,
@@ -39,6 +41,9 @@ TOO_LARGE = "conditions are too large: their squares are not finite, or they ask
 
 FAR = 2 * ACTIVE
 """With more room than this [m/s, rad/s] no condition counts as active, however sums are rounded."""
+
+QPS = ("qp", "two_phase", "slack_qp")
+"""Resolutions that solve a QP."""
 
 __all__ = [
     "ACTIVE",
@@ -91,7 +96,9 @@ class SafetyFilter:
         max_age: inputs older than this are refused [s], above 0.
         order: 1, the input is a velocity; 2, it is an acceleration.
         velocity_max: shape (nv,) bounds on the velocity after a step, order 2 only; ``None`` for none.
-        dt: that step [s], above 0; order 2 only.
+        dt: that step [s], above 0; order 2, and recovery.
+        recovery: how to come back from behind a barrier, see :mod:`safety.recovery`; only for order 1 and filters that
+            solve a QP. ``None``: the conditions are as strict there as anywhere.
 
     Raises:
         ConfigError: unknown filter or option, a filter of another order, a negative weight, or a bound that is not
@@ -112,6 +119,7 @@ class SafetyFilter:
         order: int = 1,
         velocity_max: Array | None = None,
         dt: float = 0.002,
+        recovery: RecoverySettings | None = None,
     ) -> None:
         require_one_of("filter", name, FILTERS)
         self.kind = KINDS[name]
@@ -146,6 +154,9 @@ class SafetyFilter:
         self._hessian, self._none = np.zeros((self._nv, self._nv)), np.zeros((0, self._nv))
         self._pushes = self.kind.resolution.startswith("push")
         self._family: bytes | None = None
+        self._recovery: Recovery | None = None
+        if recovery is not None and order == 1 and self.kind.resolution in QPS:
+            self._recovery = Recovery(self._nv, n_rows, recovery, dt)
 
     def apply(
         self,
@@ -185,7 +196,15 @@ class SafetyFilter:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := self._prepare(rows.family):
                 return self._refusal(self._not_finite(rows, v_des, velocity) or cause, velocity)
-            return self._filter(rows, v_des, jacobians, velocity)
+            result = self._filter(rows, v_des, jacobians, velocity)
+        if self._recovery is not None and not (result.status == FilterStatus.FAILED and result.worst_row < 0):
+            self._recovery.note(v_des, result.v)
+        return result
+
+    def reset(self) -> None:
+        """The robot is at rest: no command is left to go on from."""
+        if self._recovery is not None:
+            self._recovery.reset()
 
     def _filter(
         self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
@@ -201,7 +220,12 @@ class SafetyFilter:
             if cause := self._not_finite(rows, v_des, velocity):
                 return self._refusal(cause, velocity)
         cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
-        if not cause and room >= 0.0 and not (self._pushes and spaces.active.any()):
+        asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians)
+        if eased is not None:
+            spaces, v_des = eased.spaces, eased.v_des
+            parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
+            survey(*parts, lower, upper, violated)
+        elif not cause and room >= 0.0 and not (self._pushes and spaces.active.any()):
             if room >= FAR:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
@@ -213,7 +237,22 @@ class SafetyFilter:
             resolved = self._resolution.resolve(problem, rows)
         except np.linalg.LinAlgError as error:
             return self._failure(f"linear equations have no answer: {error}", velocity, spaces)
-        return self._conclude(resolved, velocity, spaces)
+        return self._conclude(resolved, velocity, asked)
+
+    def _ease(
+        self, rows: BarrierRows, spaces: HalfSpaces, v_des: Array, jacobians: tuple[Array | None, ...]
+    ) -> Eased | None:
+        """What to filter instead where rows are lost."""
+        if self._recovery is None:
+            return None
+        p = self._row_parameters
+        metric = partial(self._metric, jacobians, v_des)
+        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], p, v_des, metric, self._limit)
+
+    def _metric(self, jacobians: tuple[Array | None, ...], v_des: Array) -> Array:
+        """The metric (nv, nv), valid until the next one."""
+        self._write_metric(jacobians, v_des)
+        return self._hessian
 
     def _objection(
         self,
@@ -318,6 +357,7 @@ class SafetyFilter:
 
     def _refusal(self, cause: str, velocity: Array | None) -> FilterResult:
         """For inputs of which no conditions can be made."""
+        self.reset()
         return FilterResult(self._stop(velocity), FilterStatus.FAILED, math.inf, -1, 0, cause=cause)
 
     def _failure(

@@ -12,6 +12,9 @@ drift and curvature. A contact holds ``CONTACT_SIZE`` numbers, lengths in m, wor
 ========  ==================================================================================================
 
 A point is free to slide along its segment where it is not at an end of it, and on a plane in any direction.
+
+Nothing here iterates until something converges, nor in :mod:`safety.boxes`, :mod:`safety.box_faces` and
+:mod:`safety.kernels`: a contact takes a fixed number of steps, at most one per side, edge or axis, for all numbers.
 """
 
 import math

@@ -107,9 +107,15 @@ def settle(b: Array, alpha: float, forcing: Array, dt: float) -> Array:
     Returns:
         Shape (n,) values at its end; a new array.
     """
-    require_positive("alpha", alpha)
     require_non_negative("dt", dt)
-    return math.exp(-alpha * dt) * b - math.expm1(-alpha * dt) / alpha * forcing
+    keep, gain = _weights(alpha, dt)
+    return keep * b + gain * forcing
+
+
+def _weights(alpha: float, dt: float) -> tuple[float, float]:
+    """Factors on b and on f in :func:`settle`."""
+    require_positive("alpha", alpha)
+    return math.exp(-alpha * dt), -math.expm1(-alpha * dt) / alpha
 
 
 def issf_bound(alpha: float, epsilon: float, disturbance: float) -> float:
@@ -219,13 +225,12 @@ def _run(alpha: float, forcing: Array, dt: float, start: float) -> Array:
     require_positive("dt", dt)
     if not (math.isfinite(start) and start <= 0):
         raise ConfigError("start", start, "a finite number, 0 or below")
-    require_positive("alpha", alpha)
-    keep = math.exp(-alpha * dt)
-    gained = -math.expm1(-alpha * dt) / alpha * forcing
+    keep, gain = _weights(alpha, dt)
+    gained = gain * forcing
     out = np.empty(forcing.size)
     b = start
-    for i, gain in enumerate(gained.tolist()):
-        b = keep * b + gain
+    for i, forced in enumerate(gained.tolist()):
+        b = keep * b + forced
         out[i] = b
     return out
 
@@ -250,7 +255,7 @@ class RowBound:
     def __init__(self, promise: Promise, dt: float) -> None:
         require_positive("dt", dt)
         self._promise = promise
-        self._dt = dt
+        self._keep, self._gain = _weights(promise.parameters.alpha, dt)
         self._b: Array | None = None
 
     def advance(self, h: Array, jac: Array, disturbance: Array) -> float:
@@ -267,9 +272,9 @@ class RowBound:
         if self._b is None:
             self._b = h.copy()
         else:
-            forcing = self._promise.row_forcing(jac, disturbance)
-            self._b = settle(self._b, self._promise.parameters.alpha, forcing, self._dt)
-        return float(self._b[int(np.argmin(h))]) if h.size else math.nan
+            self._b *= self._keep
+            self._b += self._gain * self._promise.row_forcing(jac, disturbance)
+        return float(self._b[h.argmin()]) if h.size else math.nan
 
 
 def promises(condition: str, parameters: BarrierParameters) -> dict[str, Promise]:

@@ -20,7 +20,7 @@ from safety.obstacles import KINDS, PACKED_SIZE, Obstacle
 EDGES = (5, 6, 7, 8)
 """Contacts of a segment with the four edges of the box's face that it is over."""
 
-KIND_OF, NUMBERS_OF = attrgetter("kind"), attrgetter("packed")
+NUMBERS_OF = attrgetter("packed")
 """Of an obstacle."""
 
 LABELS = ENDS | {START_A: "start", END_A: "end"} | {e: f"edge {e - EDGES[0]}" for e in EDGES}
@@ -129,7 +129,8 @@ class ObstacleBarrier(ContactBarrier):
         """
         if len(obstacles) != self.count:
             raise ValueError(f"{len(obstacles)} obstacles given, {self.count} announced")
-        if (given := tuple(map(KIND_OF, obstacles))) != self.kinds:
+        # by way of a list: a tuple made straight from an iterator counts towards the next collection of garbage
+        if (given := tuple([o.kind for o in obstacles])) != self.kinds:
             i = next(i for i, kind in enumerate(given) if kind != self.kinds[i])
             raise ValueError(f"obstacle {i} is a {given[i]}, announced was a {self.kinds[i]}")
         if not obstacles:

@@ -7,7 +7,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from scipy.special import chdtri
 
-from robots.checks import all_finite, require_one_of, require_positive
+from robots.checks import all_finite, require_non_negative, require_one_of, require_positive
 from robots.errors import ConfigError
 from robots.messages import Array
 
@@ -34,6 +34,7 @@ class TrackerSettings:
         initial_acceleration: standard deviation of the unknown initial acceleration of that model [m/s^2].
         gate: probability with which a measurement that agrees with the model is accepted, above 0; 1 accepts all.
         max_rejections: so many measurements in a row outside the gate restart the track from these, 1 or more.
+        blending: time over which what a measurement changes is fed in [s]; 0: at once, see :class:`ObstacleTrack`.
         max_ahead: a track that has come further than this beyond the asked stamp is refused [s]: sensor and
             controller may differ by so much about what time it is.
     """
@@ -47,12 +48,14 @@ class TrackerSettings:
     initial_acceleration: float = 1.0
     gate: float = 0.99999
     max_rejections: int = 5
+    blending: float = 0.01
     max_ahead: float = 0.02
 
     def __post_init__(self) -> None:
         positive = ("position_noise", "acceleration_noise", "initial_speed", "max_age", "jerk_noise", "max_ahead")
         for name in (*positive, "initial_acceleration"):
             require_positive(f"tracker {name}", getattr(self, name))
+        require_non_negative("tracker blending", self.blending)
         require_one_of("tracker model", self.model, MODELS)
         if not (isinstance(self.gate, int | float) and 0 < self.gate <= 1):
             raise ConfigError("tracker gate", self.gate, "a probability above 0, at most 1")
@@ -73,6 +76,19 @@ class ObstacleTrack:
 
     The three axes have equal noise, so they share one covariance: the filter's state has a column per axis, and its
     covariance is that of one axis.
+
+    Every measurement moves the filter's state by a step, and a controller that is given it would step as well. So what
+    is handed out goes there evenly over T (``blending``) from the time on at which the measurement came in:
+
+    .. math:: y(t) = F(t - t_k)\,(x_k + (1 - \beta)(y_k^- - x_k)),\qquad \beta = \min(1, (t - t_k^{in}) / T)
+
+    with x_k the filter's state after the measurement at t_k, and y_k^- what would have been handed out for t_k without
+    it. Until the next tick nothing is handed out, so :math:`t_k^{in}` may be the tick before the measurement came:
+    then a controller of period dt has its news (T - dt)/2 later than at once. The motion as it was known goes on
+    without delay. For a filter whose model holds x_k errs independently of all that was measured, so the covariance of
+    the error is known as well:
+
+    .. math:: \Sigma(t) = F (P_k + (1 - \beta)^2 (\Sigma_k^- - P_k)) F^T + Q
 
     Source: the linear Kalman filter that gives v_O in eq. (48) of Lee et al. (their reference 33).
 
@@ -95,11 +111,14 @@ class ObstacleTrack:
         self._filter: KalmanFilter | None = None
         self._time = self._accepted_at = -math.inf
         self._outside: list[tuple[Array, float]] = []
+        self._received = -math.inf
+        # by how much what was handed out differed from the filter's state, and its covariance, at the last measurement
+        self._offset, self._excess = self._nothing_left()
         self.accepted = self.rejected = self.restarts = 0
         self.nis = math.nan
 
-    def measure(self, position: Array | None, stamp: float) -> bool:
-        """Take in one measured position (3,) [m] taken at ``stamp`` [s].
+    def measure(self, position: Array | None, stamp: float, received: float | None = None) -> bool:
+        """Take in a position (3,) [m] measured at ``stamp`` [s]; it is fed in from ``received`` on (not given: then).
 
         ``None`` is a measurement that is missing: time passes, and the track grows older.
 
@@ -113,6 +132,10 @@ class ObstacleTrack:
             raise ConfigError("measured position", position, "three finite numbers")
         if not math.isfinite(stamp) or stamp < self._time:
             raise ConfigError("measurement stamp", stamp, f"finite and not before {self._time:g} s")
+        if received is None:
+            received = stamp
+        if not math.isfinite(received):
+            raise ConfigError("time at which a measurement came in", received, "finite")
         self._advance(stamp)
         if position is None:
             return False
@@ -124,20 +147,34 @@ class ObstacleTrack:
                 return False
             self._restart()
         else:
-            self._accept(z, stamp)
+            self._accept(z, stamp, received)
         self._outside.clear()
         self.accepted += 1
         return True
 
-    def _accept(self, z: Array, stamp: float) -> None:
+    def _accept(self, z: Array, stamp: float, received: float) -> None:
         """Update with ``z``; the first one starts the filter."""
         self._accepted_at = stamp
         if self._filter is None:
             self._filter = self._started(z)
+            self._offset, self._excess = self._nothing_left()
             return
+        left = self._left(received)
+        handed_out, covariance = self._filter.x + left * self._offset, self._filter.P + left**2 * self._excess
         # H is passed again because filterpy would insist on one column where it is not
         self._filter.update(z[None, :], H=self._filter.H)
         self._filter.P = _symmetric(self._filter.P)
+        self._offset, self._excess = handed_out - self._filter.x, _symmetric(covariance - self._filter.P)
+        self._received = received
+
+    def _left(self, t: float) -> float:
+        """Share of the last measurement's news that is not handed out yet at ``t`` [s]."""
+        blending = self.settings.blending
+        return min(max(1.0 - (t - self._received) / blending, 0.0), 1.0) if blending > 0 else 0.0
+
+    def _nothing_left(self) -> tuple[Array, Array]:
+        """Offset and excess where the filter's state is what is handed out."""
+        return np.zeros((self._order, 3)), np.zeros((self._order, self._order))
 
     def _started(self, z: Array) -> KalmanFilter:
         s = self.settings
@@ -154,14 +191,18 @@ class ObstacleTrack:
         self._filter, self._time = None, -math.inf
         for z, stamp in self._outside:
             self._advance(stamp)
-            self._accept(z, stamp)
+            self._accept(z, stamp, stamp)
+        # the track was wrong: no way leads from there
+        self._offset, self._excess = self._nothing_left()
         self.restarts += 1
 
     def _advance(self, stamp: float) -> None:
         if self._filter is not None and stamp > self._time:
             interval = stamp - self._time
-            noise = _process_noise(interval, self._density, self._order)
-            self._filter.predict(F=_transition(interval, self._order), Q=noise)
+            noise, transition = _process_noise(interval, self._density, self._order), _transition(interval, self._order)
+            self._filter.predict(F=transition, Q=noise)
+            self._offset = transition @ self._offset
+            self._excess = transition @ self._excess @ transition.T
         self._time = stamp
 
     def _is_outlier(self, z: Array) -> bool:
@@ -199,7 +240,8 @@ class ObstacleTrack:
             s, age = self.settings, self.age(stamp)
             allowed = f"at most {s.max_age:g} s, and at most {s.max_ahead:g} s ahead"
             raise ConfigError("age of the obstacle track", stamp - self._time if age <= s.max_age else age, allowed)
-        x = _transition(max(stamp - self._time, 0.0), self._order) @ self._filter.x
+        handed_out = self._filter.x + self._left(stamp) * self._offset
+        x = _transition(max(stamp - self._time, 0.0), self._order) @ handed_out
         return x[0], x[1]
 
     def covariance(self, stamp: float) -> Array:
@@ -227,7 +269,8 @@ class ObstacleTrack:
         interval = max(stamp - self._time, 0.0)
         transition = _transition(interval, self._order)
         noise = _process_noise(interval, self._density, self._order)
-        return _symmetric(transition @ self._filter.P @ transition.T + noise)
+        covariance = self._filter.P + self._left(stamp) ** 2 * self._excess
+        return _symmetric(transition @ covariance @ transition.T + noise)
 
 
 def _symmetric(matrix: Array) -> Array:

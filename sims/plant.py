@@ -11,7 +11,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.messages import Array, MotorCommand, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
-from robots.rotation import rotation_from_quaternion
+from sims.kernels import ground_loads, read_state
 
 UNSTABLE_ACCELERATION = 1e7
 """Acceleration [m/s^2, rad/s^2] from which the simulation counts as numerically unstable."""
@@ -117,11 +117,15 @@ class MujocoPlant:
         self._steps = 0
         self._delay_steps = round(config.actuator_delay / config.dt)
         geom, site = mujoco.mjtObj.mjOBJ_GEOM, mujoco.mjtObj.mjOBJ_SITE
-        self._sole_geoms = [mujoco.mj_name2id(self.model, geom, f"{s.frame}_contact") for s in robot.soles]
-        self._sole_sites = [mujoco.mj_name2id(self.model, site, s.frame) for s in robot.soles]
+        self._sole_geoms = np.array(
+            [mujoco.mj_name2id(self.model, geom, f"{s.frame}_contact") for s in robot.soles], dtype=np.intp
+        )
+        self._sole_sites = np.array([mujoco.mj_name2id(self.model, site, s.frame) for s in robot.soles], dtype=np.intp)
+        self._corners = np.array([sole_outline(s.half_length, s.half_width) for s in robot.soles])
+        self._torso = self.data.body(robot.frame(robot.roles["torso"]).body).id
         self.torque = np.zeros(len(robot.joints))
-        self._loads: list[tuple[Array, Array]] | None = None
-        self._sole_poses = [np.zeros((4, 3)) for _ in self._sole_sites]
+        self._loads, self._wrenches, self._zmp = np.zeros((2, 6)), np.zeros((2, 6)), np.full(2, np.nan)
+        self._sole_poses = np.zeros((2, 4, 3))
         self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
 
@@ -141,17 +145,13 @@ class MujocoPlant:
         self.unstable = False
         self.torque[:] = 0.0
         mujoco.mj_forward(self.model, self.data)
-        self._loads = None
-        self._keep_sole_poses()
+        self._measure_loads()
 
     def true_state(self) -> RobotState:
         """State without noise; new arrays."""
-        qpos, qvel = self.data.qpos, self.data.qvel
-        q, v = qpos.copy(), qvel.copy()
-        q[3:6], q[6] = qpos[4:7], qpos[3]
-        v[:3] = rotation_from_quaternion(q[3:7]).T @ qvel[:3]
-        forces = self.contact_wrenches()[:, 2]
-        return RobotState(q, v, self.torque.copy(), self.time, forces)
+        q, v = np.empty(self.model.nq), np.empty(self.model.nv)
+        read_state(self.data.qpos, self.data.qvel, q, v)
+        return RobotState(q, v, self.torque.copy(), self.time, self._wrenches[:, 2].copy())
 
     def measured_state(self) -> RobotState:
         """State with the configured sensor noise; new arrays."""
@@ -175,8 +175,7 @@ class MujocoPlant:
 
     def push(self, force: Array) -> None:
         """Push the torso with ``force`` (3,), world axes, at its body's centre of mass, until another is given [N]."""
-        body = self.robot.frame(self.robot.roles["torso"]).body
-        self.data.xfrc_applied[self.data.body(body).id, :3] = force
+        self.data.xfrc_applied[self._torso, :3] = force
 
     def step(self) -> None:
         """Advance by one physics step, the motors evaluating eq. (19) of Lee et al. within their effort limits.
@@ -188,79 +187,43 @@ class MujocoPlant:
             self._command = self._pending.popleft()[1]
         if self._command is not None:
             torque = self._command.torque(self.data.qpos[7:], self.data.qvel[6:])
-            np.clip(torque, -self.effort, self.effort, out=self.torque)
+            np.maximum(torque, -self.effort, out=torque)
+            np.minimum(torque, self.effort, out=self.torque)
             self.data.ctrl[:] = self.torque
         mujoco.mj_forward(self.model, self.data)
         self.unstable = self.unstable or not np.abs(self.data.qacc).max() < UNSTABLE_ACCELERATION
         if not self.unstable:
-            self._keep_sole_poses()
-            self._loads = None
+            self._measure_loads()
             mujoco.mj_implicit(self.model, self.data)
             # frames and CoM of the state just reached; forces and sensors stay those of the step that led there
             mujoco.mj_kinematics(self.model, self.data)
             mujoco.mj_comPos(self.model, self.data)
             self._steps += 1
 
-    def _keep_sole_poses(self) -> None:
-        """Remember where the soles are while the contact forces act."""
-        for kept, site in zip(self._sole_poses, self._sole_sites, strict=True):
-            kept[:3] = self.data.site_xmat[site].reshape(3, 3)
-            kept[3] = self.data.site_xpos[site]
+    def _measure_loads(self) -> None:
+        """Read the contact forces, and remember where the soles are while they act."""
+        data, contact = self.data, self.data.contact
+        contacts = (contact.efc_address, contact.frame, contact.pos, contact.geom)
+        self._sole_poses[:, :3] = data.site_xmat[self._sole_sites].reshape(2, 3, 3)
+        self._sole_poses[:, 3] = data.site_xpos[self._sole_sites]
+        soles, out = (self._sole_geoms, self._sole_poses), (self._loads, self._wrenches, self._zmp)
+        ground_loads(*contacts, data.efc_force, *soles, *out)
 
     def contact_wrenches(self) -> Array:
         """Ground wrench on each sole (2, 6): force, then moment about the sole's centre, sole axes [N, N m].
 
         Of the last physics step; zero without contact.
         """
-        out = np.zeros((2, 6))
-        for i, (pose, (force, moment)) in enumerate(zip(self._sole_poses, self._sole_loads(), strict=True)):
-            rotation, position = pose[:3], pose[3]
-            out[i, :3] = rotation.T @ force
-            out[i, 3:] = rotation.T @ (moment - _cross(position, force))
-        return out
+        return self._wrenches.copy()
 
     def zero_moment_point(self) -> Array:
         """Measured ZMP (2,) on the ground plane [m] from the net contact wrench; NaN without vertical force."""
-        loads = self._sole_loads()
-        force = loads[0][0] + loads[1][0]
-        moment = loads[0][1] + loads[1][1]
-        if force[2] < 1.0:
-            return np.full(2, np.nan)
-        return np.array([-moment[1], moment[0]]) / force[2]
-
-    def _sole_loads(self) -> list[tuple[Array, Array]]:
-        """As :meth:`_summed_loads`, worked out once a physics step."""
-        if self._loads is None:
-            self._loads = self._summed_loads()
-        return self._loads
-
-    def _summed_loads(self) -> list[tuple[Array, Array]]:
-        """World force and moment about the world's origin on each sole, summed over its contact points."""
-        contact, count = self.data.contact, self.data.ncon
-        loads = [(np.zeros(3), np.zeros(3)) for _ in self._sole_geoms]
-        if count == 0:
-            return loads
-        # a contact that only grazes has no force and no rows: its address is -1
-        pressed = np.flatnonzero(contact.efc_address[:count] >= 0)
-        local = np.zeros((count, 3))
-        local[pressed] = self.data.efc_force[contact.efc_address[pressed, None] + np.arange(3)]
-        world = np.einsum("nij,ni->nj", contact.frame[:count].reshape(-1, 3, 3), local)
-        moment = _cross(contact.pos[:count], world)
-        geoms = contact.geom[:count]
-        for i, geom in enumerate(self._sole_geoms):
-            # MuJoCo's contact frame points from the first geom to the second
-            sign = (geoms[:, 1] == geom).astype(float) - (geoms[:, 0] == geom)
-            loads[i] = (sign @ world, sign @ moment)
-        return loads
+        return self._zmp.copy()
 
     def sole_corners(self) -> Array:
         """World positions (2, 4, 3) of the corners of both soles [m]."""
-        out = np.zeros((2, 4, 3))
-        signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-        for i, (sole, site) in enumerate(zip(self.robot.soles, self._sole_sites, strict=True)):
-            local = np.column_stack([signs * [sole.half_length, sole.half_width], np.zeros(4)])
-            out[i] = local @ self.data.site_xmat[site].reshape(3, 3).T + self.data.site_xpos[site]
-        return out
+        rotation = self.data.site_xmat[self._sole_sites].reshape(2, 3, 3)
+        return self._corners @ rotation.transpose(0, 2, 1) + self.data.site_xpos[self._sole_sites, None]
 
     def center_of_mass(self) -> Array:
         """True centre of mass (3,) in the world [m], with the plant's own masses."""
@@ -276,9 +239,7 @@ class MujocoPlant:
         return ImuReading(sensor["imu_gyro"], sensor["imu_accelerometer"], sensor["imu_quaternion"][[1, 2, 3, 0]])
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Cross product along the last axis: `np.cross` spends most of its time on axes."""
-    out = np.empty(np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        out[..., i] = a[..., j] * b[..., k] - a[..., k] * b[..., j]
-    return out
+def sole_outline(half_length: float, half_width: float) -> Array:
+    """Corners (4, 3) of a sole in its own axes [m], anticlockwise from the one in front on the left."""
+    signs = np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return np.column_stack([signs * [half_length, half_width], np.zeros(4)])

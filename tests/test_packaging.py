@@ -14,6 +14,8 @@ import pytest
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from experiments.peers import PEERS
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
@@ -68,6 +70,13 @@ def test_every_line_of_the_lock_is_a_pin_with_hashes_and_names_no_place() -> Non
 def test_core_imports_are_core_dependencies_and_each_is_used() -> None:
     declared = {canonicalize_name(Requirement(line).name) for line in PROJECT["project"]["dependencies"]}
     assert {canonicalize_name(DISTRIBUTION_OF.get(n, n)) for n in third_party_imports()} == declared
+
+
+def test_the_extra_of_the_benchmark_is_what_peers_are_and_stays_out_of_the_lock() -> None:
+    requirements = [Requirement(line) for line in PROJECT["project"]["optional-dependencies"]["bench"]]
+    assert {r.name for r in requirements} == {p.distribution for p in PEERS}
+    assert all(str(r.specifier).startswith(">=") for r in requirements)
+    assert not {canonicalize_name(r.name) for r in requirements} & set(LOCK)
 
 
 def test_console_script_points_at_a_function() -> None:

@@ -11,7 +11,7 @@ from robots.checks import require_non_negative, require_positive
 from robots.kinematics import Kinematics
 from robots.messages import Array, Indices, Mask
 from wbc.contact import SoleContact
-from wbc.kernels import eliminate_base, torque_cost
+from wbc.kernels import eliminate_base, local_jacobians, torque_cost
 from wbc.qp import QpStatus
 from wbc.torque_qp import DynWbcProblem, TorqueQp
 from wbc.wrench import GRAVITY
@@ -106,6 +106,8 @@ class DynWbc:
     ) -> None:
         self.weights = weights
         self.frame_ids = [kin.frame_id(c.frame) for c in contacts]
+        self._frames = np.array(self.frame_ids)
+        self._joints = np.array([kin.frame_joint(i) for i in self.frame_ids])
         self.nj = kin.nv - 6
         self.nf = 6 * len(self.frame_ids)
         self._weight = kin.robot.total_mass * GRAVITY
@@ -140,8 +142,10 @@ class DynWbc:
 
     def _stacked_jacobian(self, kin: Kinematics, feet: Sequence[int] | Indices) -> Array:
         jacobian = np.empty((6 * len(feet), kin.nv))
-        for i, foot in enumerate(feet):
-            jacobian[6 * i : 6 * i + 6] = kin.frame_jacobian(self.frame_ids[foot], local=True)
+        feet = np.asarray(feet, dtype=np.int64)
+        local_jacobians(
+            kin.frame_transforms, self._frames, self._joints, kin.world_jacobian, kin.support, feet, jacobian
+        )
         return jacobian
 
     def build(
@@ -177,7 +181,8 @@ class DynWbc:
         Raises:
             ValueError: another number of conditions than announced.
         """
-        qp = self._qps[tuple(i for i, touching in enumerate(in_contact) if touching)]
+        # by way of a list: a tuple made straight from an iterator counts towards the next collection of garbage
+        qp = self._qps[tuple([i for i, touching in enumerate(in_contact) if touching])]
         nj, nx, w = self.nj, qp.nx, self.weights
         jacobian = self._stacked_jacobian(kin, qp.feet)
         base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))
@@ -190,7 +195,6 @@ class DynWbc:
             base,
             torque,
             jacobian,
-            bias,
             acceleration,
             wrench[qp.wrenches],
             self._last.torque,

@@ -1,14 +1,17 @@
-"""Compiled loops of a tick: the arithmetic that numpy would spread over many small calls."""
+"""Compiled arithmetic of DynWBC: what numpy would spread over many small calls."""
 
 import math
 
 import numpy as np
-from numba import njit
+from numba import njit, types
 
 from robots.messages import Array, Indices
+from wbc.task_kernels import COLUMNS, MATRIX, OUT, OUT_ROWS, VECTOR
+
+PLACES = types.Array(types.int64, 1, "C", readonly=True)
 
 
-@njit(cache=True)
+@njit(types.float64(types.Array(types.float64, 2, "A", readonly=True), PLACES), cache=True)
 def smallest_block_bound(inverse: Array, sizes: Indices) -> float:
     """Lower bound of the singular values of the diagonal blocks of a triangular matrix, from its inverse (m, m).
 
@@ -28,7 +31,7 @@ def smallest_block_bound(inverse: Array, sizes: Indices) -> float:
     return worst
 
 
-@njit(cache=True)
+@njit(types.void(COLUMNS, OUT_ROWS), cache=True)
 def solve_six(matrix: Array, right: Array) -> None:
     """Solve A X = B in place of B (6, n) for the leading 6 x 6 block A of ``matrix``, by Cholesky."""
     factor = np.empty((6, 6))
@@ -53,7 +56,7 @@ def solve_six(matrix: Array, right: Array) -> None:
             right[i, j] /= factor[i, i]
 
 
-@njit(cache=True)
+@njit(types.void(COLUMNS, VECTOR, MATRIX, OUT_ROWS, OUT_ROWS), cache=True)
 def eliminate_base(mass: Array, bias: Array, jacobian: Array, base: Array, torque: Array) -> None:
     """Base acceleration and joint torques as affine functions of x = [joint accelerations; contact wrenches].
 
@@ -78,12 +81,47 @@ def eliminate_base(mass: Array, bias: Array, jacobian: Array, base: Array, torqu
                 torque[a, j] += m * base[k, j]
 
 
-@njit(cache=True)
+@njit(
+    types.void(MATRIX, MATRIX, VECTOR, VECTOR, types.float64, OUT_ROWS, OUT),
+    cache=True,
+    error_model="numpy",
+)
+def _add_wrench_cost(
+    base: Array,
+    jacobian: Array,
+    wrench: Array,
+    wrench_weight: Array,
+    w_energy: float,
+    hessian: Array,
+    gradient: Array,
+) -> None:
+    """Add the wrenches' own cost and their part of the energy term."""
+    nf = jacobian.shape[0]
+    nx = base.shape[1] - 1
+    nj = nx - nf
+    for f in range(nf):
+        for k in range(6):
+            w = w_energy * jacobian[f, k]
+            for g in range(nf):
+                hessian[nj + f, nj + g] += w * base[k, nj + g]
+            gradient[nj + f] += w * base[k, nx]
+        hessian[nj + f, nj + f] += wrench_weight[f]
+        gradient[nj + f] -= wrench_weight[f] * wrench[f]
+
+
+@njit(
+    types.void(
+        *(MATRIX, MATRIX, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR),
+        *(types.float64, types.float64, types.float64),
+        *(OUT_ROWS, OUT),
+    ),
+    cache=True,
+    error_model="numpy",
+)
 def torque_cost(
     base: Array,
     torque: Array,
     jacobian: Array,
-    bias: Array,
     acceleration: Array,
     wrench: Array,
     previous: Array,
@@ -97,56 +135,63 @@ def torque_cost(
     """Cost of eq. (16) of Lee et al. over x: writes ``hessian`` (nx, nx) and ``gradient`` (nx,).
 
     ``base`` and ``torque`` as :func:`eliminate_base` leaves them; ``acceleration`` (nv,), ``wrench`` (nf,) and
-    ``previous`` (nj,) are the references of acceleration, wrench and torque. The energy term uses
-    M q_dd = [J_cb^T F - h_b; torque + J_cj^T F - h_j], so the mass matrix is not needed again.
+    ``previous`` (nj,) are the references of acceleration, wrench and torque. With the base eliminated, the energy term
+    splits into one of the joints, whose mass matrix is T, the joints' part of ``torque``, and one of the wrenches:
+    q_dd^T M q_dd = q_j^T T q_j + (J_cb^T F - h_b)^T M_bb^-1 (J_cb^T F - h_b).
     """
     nj, nf = torque.shape[0], jacobian.shape[0]
     nx = nj + nf
-    hessian[:] = 0.0
-    gradient[:] = 0.0
-    for a in range(nj):
-        offset = torque[a, nx] - previous[a]
-        for i in range(nx):
-            t = w_rate * torque[a, i]
-            gradient[i] += t * offset
-            for j in range(i, nx):
-                hessian[i, j] += t * torque[a, j]
-        for j in range(a, nj):
-            hessian[a, j] += w_energy * torque[a, j]
-        for f in range(nf):
-            hessian[a, nj + f] += w_energy * (torque[a, nj + f] + jacobian[f, 6 + a])
-        gradient[a] += w_energy * (torque[a, nx] - bias[6 + a]) - w_acceleration * acceleration[6 + a]
-        hessian[a, a] += w_acceleration
-    _add_base_cost(base, jacobian, bias, acceleration, w_acceleration, w_energy, hessian, gradient)
-    for f in range(nf):
-        hessian[nj + f, nj + f] += wrench_weight[f]
-        gradient[nj + f] -= wrench_weight[f] * wrench[f]
+    residuals = np.empty((nj + 6, nx + 1))
+    a, r = math.sqrt(w_acceleration), math.sqrt(w_rate)
+    for i in range(nj):
+        for j in range(nx + 1):
+            residuals[i, j] = r * torque[i, j]
+        residuals[i, nx] -= r * previous[i]
+    for i in range(6):
+        for j in range(nx + 1):
+            residuals[nj + i, j] = a * base[i, j]
+        residuals[nj + i, nx] -= a * acceleration[i]
+    squares = np.dot(residuals.T, residuals)
+    for i in range(nx):
+        for j in range(nx):
+            hessian[i, j] = squares[i, j]
+        gradient[i] = squares[nx, i]
+    for i in range(nj):
+        for j in range(nj):
+            hessian[i, j] += w_energy * torque[i, j]
+        hessian[i, i] += w_acceleration
+        gradient[i] -= w_acceleration * acceleration[6 + i]
+    _add_wrench_cost(base, jacobian, wrench, wrench_weight, w_energy, hessian, gradient)
     for i in range(nx):
         for j in range(i):
             hessian[i, j] = hessian[j, i]
 
 
-@njit(cache=True)
-def _add_base_cost(
-    base: Array,
-    jacobian: Array,
-    bias: Array,
-    acceleration: Array,
-    w_acceleration: float,
-    w_energy: float,
-    hessian: Array,
-    gradient: Array,
+@njit(types.void(MATRIX, PLACES, PLACES, COLUMNS, MATRIX, PLACES, OUT_ROWS), cache=True, error_model="numpy")
+def local_jacobians(
+    transforms: Array, frames: Indices, joints: Indices, world: Array, support: Array, feet: Indices, out: Array
 ) -> None:
-    """The base's share of the acceleration and energy terms, into the upper triangle of ``hessian``."""
-    nf = jacobian.shape[0]
-    nx = base.shape[1] - 1
-    nj = nx - nf
-    for k in range(6):
-        offset = w_acceleration * (base[k, nx] - acceleration[k]) - w_energy * bias[k]
-        for i in range(nx):
-            b = base[k, i]
-            gradient[i] += b * offset
-            for j in range(i, nx):
-                hessian[i, j] += w_acceleration * b * base[k, j]
-            for f in range(max(0, i - nj), nf):
-                hessian[i, nj + f] += w_energy * b * jacobian[f, k]
+    """Write the Jacobians (6 c, nv) of some of n frames in their own axes, one below the other.
+
+    Args:
+        transforms: shape (nframes, 12) placements of all frames: see :class:`robots.kinematics.Kinematics`.
+        frames: shape (n,) frames.
+        joints: shape (n,) the joint that carries each.
+        world: shape (6, nv) ``world_jacobian`` of the kinematics.
+        support: shape (njoints, nv) ``support`` of the kinematics.
+        feet: shape (c,) which of the n frames.
+        out: shape (6 c, nv), written.
+    """
+    nv = out.shape[1]
+    for i in range(feet.size):
+        foot = feet[i]
+        t, carried = transforms[frames[foot]], support[joints[foot]]
+        for j in range(nv):
+            a, b, c = world[3, j], world[4, j], world[5, j]
+            x = world[0, j] + b * t[11] - c * t[10]
+            y = world[1, j] + c * t[9] - a * t[11]
+            z = world[2, j] + a * t[10] - b * t[9]
+            for k in range(3):
+                u, v, w = carried[j] * t[3 * k], carried[j] * t[3 * k + 1], carried[j] * t[3 * k + 2]
+                out[6 * i + k, j] = u * x + v * y + w * z
+                out[6 * i + 3 + k, j] = u * a + v * b + w * c

@@ -6,13 +6,15 @@ import numpy as np
 from scipy.linalg import lapack
 
 from robots.checks import require_positive
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
+from wbc.damped_priorities import damped_velocity, solve_levels
 from wbc.kernels import smallest_block_bound
-from wbc.tasks import Task
+from wbc.task_block import Level, TaskBlock
+from wbc.tasks import PostureTask, Task
 
-Level = tuple[Array, Array]
-"""Jacobian (m, nv) and commanded velocity (m,) of one priority level."""
+NO_POSTURE = np.zeros(0)
 
 
 def prioritised_velocity(levels: Sequence[Level], nv: int, sigma_min: float) -> Array:
@@ -116,32 +118,66 @@ def _solve_svd(projected: Array, residual: Array, basis: Array, sigma_min: float
 class KinWbc:
     """Stack of tasks by priority; evaluates them and solves for the desired generalised velocity.
 
+    Where a level becomes singular, small singular values are damped (:mod:`wbc.damped_priorities`: the velocity is
+    continuous, and the default of what drives torques) or cut off (:func:`prioritised_velocity`, eq. (13) of Lee et
+    al.: it jumps where one passes the cut, hundreds of times a run where an arm is straight).
+
     Args:
         nv: size of the velocity.
-        levels: tasks of each priority level, highest first.
+        levels: tasks of each priority level, highest first; each task in one place.
         sigma_min: cut-off of singular values, above 0.
+        damped_below: below which singular values of each level that has tasks are damped, above 0; that of a posture of
+            all joints in the last level is not read. ``None``: they are cut off.
 
     Raises:
-        ConfigError: ``sigma_min`` is not positive.
+        ConfigError: ``sigma_min`` or a threshold is not positive, there is not one threshold a level, or a task stands
+            in more than one place.
     """
 
-    def __init__(self, nv: int, levels: Sequence[Sequence[Task]], sigma_min: float = 0.03) -> None:
+    def __init__(
+        self,
+        nv: int,
+        levels: Sequence[Sequence[Task]],
+        sigma_min: float = 0.03,
+        damped_below: Sequence[float] | None = None,
+    ) -> None:
         require_positive("sigma_min", sigma_min)
         self.nv = nv
         self.levels = tuple(tuple(level) for level in levels if level)
         self.sigma_min = sigma_min
+        self._block = TaskBlock(nv, self.levels)
+        self._thresholds: Array | None = None
+        if damped_below is not None:
+            if len(damped_below) != len(self.levels):
+                raise ConfigError("damped_below", list(damped_below), f"{len(self.levels)} numbers, one a level")
+            for threshold in damped_below:
+                require_positive("damped_below", threshold)
+            self._thresholds = np.array(damped_below, dtype=float)
+        last = self.levels[-1] if self.levels else ()
+        self._posture = len(last) == 1 and isinstance(last[0], PostureTask) and last[0].nv_base + last[0].rows == nv
 
     def evaluate(self, kin: Kinematics) -> list[Level]:
-        """Jacobian and command of each level, tasks of one level stacked."""
-        out: list[Level] = []
-        for level in self.levels:
-            parts = [task.evaluate(kin) for task in level]
-            if len(parts) == 1:
-                out.append(parts[0])
-            else:
-                out.append((np.concatenate([p[0] for p in parts]), np.concatenate([p[1] for p in parts])))
-        return out
+        """Jacobian and command of each level, tasks of one level stacked; views that the next call overwrites."""
+        return self._block.evaluate(kin)
+
+    def rows(self, first: int, last: int) -> Array:
+        """Jacobian (m, nv) of the levels from ``first`` to before ``last`` as evaluated last, a view."""
+        start, stop = int(self._block.sizes[:first].sum()), int(self._block.sizes[:last].sum())
+        return self._block.jacobian[start:stop]
+
+    def reset(self) -> None:
+        """Forget the last evaluation, see :attr:`wbc.tasks.TaskGains.max_change`."""
+        self._block.reset()
 
     def solve(self, levels: Sequence[Level]) -> Array:
-        """Desired generalised velocity (nv,) of evaluated levels, eq. (13)."""
-        return prioritised_velocity(levels, self.nv, self.sigma_min)
+        """Desired generalised velocity (nv,) of evaluated levels, all or the highest ones."""
+        if self._thresholds is None:
+            return prioritised_velocity(levels, self.nv, self.sigma_min)
+        # a posture is the last of all levels
+        count = len(levels) - (self._posture and len(levels) == len(self.levels))
+        posture = levels[-1][1] if count < len(levels) else NO_POSTURE
+        if levels is not self._block.levels:
+            return damped_velocity(levels[:count], self.nv, self._thresholds[:count], posture)
+        rows = self._block.command.size - posture.size
+        block, sizes, thresholds = self._block, self._block.sizes[:count], self._thresholds[:count]
+        return solve_levels(block.jacobian[:rows], block.command[:rows], sizes, thresholds, posture)

@@ -3,13 +3,15 @@
 import math
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
 from robots.checks import require_positive
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
-from robots.rotation import rotation_log
+from wbc.task_kernels import ORIENTATION, POSE, POSITION, correct, evaluate_frames
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,15 +27,20 @@ class TaskGains:
         k: error gain [1/s], above 0.
         max_correction: largest norm of the correction ``k e`` [m/s or rad/s], above 0.
         acceleration_gain: a [1/s], above 0.
+        max_change: by how much the correction of a frame's position may change from one evaluation to the next [m/s],
+            above 0; infinite: by anything. It keeps a target that jumps from becoming a velocity that does.
     """
 
     k: float
     max_correction: float = 1.0
     acceleration_gain: float = 40.0
+    max_change: float = math.inf
 
     def __post_init__(self) -> None:
         for name in ("k", "max_correction", "acceleration_gain"):
             require_positive(f"task {name}", getattr(self, name))
+        if not self.max_change > 0:
+            raise ConfigError("task max_change", self.max_change, "a number above 0, or infinity")
 
     def correction(self, error: Array) -> Array:
         """The correction velocity of an error (m,), its norm clipped."""
@@ -78,79 +85,109 @@ class CenterOfMassTask(Task):
 
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`."""
-        command = self.velocity + self.gains.correction(self.position - kin.com)
+        command = np.empty(3)
+        correct(self.position, kin.com, self.gains.k, self.gains.max_correction, command)
         acceleration = self.acceleration - kin.com_drift if self.without_drift else self.acceleration
-        return kin.com_jacobian, command + acceleration / self.gains.acceleration_gain
+        command += self.velocity
+        command += acceleration / self.gains.acceleration_gain
+        return kin.com_jacobian, command
 
 
-class FramePositionTask(Task):
-    """Origin of a frame to ``position`` with feed-forward ``velocity`` and ``acceleration``, each (3,), world."""
+class _Reference:
+    """Part of the numbers that a frame's task follows: read as a view, copied when set."""
 
-    rows = 3
+    def __init__(self, start: int, *shape: int) -> None:
+        """``shape`` of the part that begins at ``start``."""
+        self._part = slice(start, start + math.prod(shape))
+        self._shape = shape
 
-    def __init__(self, frame_id: int, gains: TaskGains) -> None:
-        """``frame_id`` as given by :meth:`Kinematics.frame_id`."""
-        super().__init__(gains)
-        self.frame_id = frame_id
-        self.position = np.zeros(3)
-        self.velocity = np.zeros(3)
-        self.acceleration = np.zeros(3)
+    def __get__(self, task: "FrameTask", owner: type) -> Array:
+        return task.references[self._part].reshape(self._shape)
 
-    def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
-        """See :meth:`Task.evaluate`."""
-        _, position = kin.frame_placement(self.frame_id)
-        command = self.velocity + self.gains.correction(self.position - position)
-        return kin.frame_jacobian(self.frame_id)[:3], command + self.acceleration / self.gains.acceleration_gain
+    def __set__(self, task: "FrameTask", value: Any) -> None:
+        self.__get__(task, FrameTask)[:] = value
 
 
-class FrameOrientationTask(Task):
-    """A frame's axes to ``rotation`` (3, 3) with feed-forward ``angular_velocity`` (3,), world."""
+class FrameTask(Task):
+    """A frame to a position, an orientation or both: see its three kinds.
 
-    rows = 3
-
-    def __init__(self, frame_id: int, gains: TaskGains) -> None:
-        """``frame_id`` as given by :meth:`Kinematics.frame_id`."""
-        super().__init__(gains)
-        self.frame_id = frame_id
-        self.rotation = np.eye(3)
-        self.angular_velocity = np.zeros(3)
-
-    def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
-        """See :meth:`Task.evaluate`."""
-        rotation, _ = kin.frame_placement(self.frame_id)
-        error = rotation_log(self.rotation @ rotation.T)
-        return kin.frame_jacobian(self.frame_id)[3:], self.angular_velocity + self.gains.correction(error)
-
-
-class FramePoseTask(Task):
-    """A frame to ``position`` (3,) and ``rotation`` (3, 3), world.
-
-    Feed-forward ``velocity`` and ``acceleration``, (6,) each, linear first. ``gains`` are those of the position,
-    ``angular_gains`` those of the orientation; their acceleration gain is the same.
+    Attributes:
+        frame_id: as given by :meth:`Kinematics.frame_id`.
+        kind: what of the frame the task is about, see :mod:`wbc.task_kernels`.
+        angular_gains: of the orientation; its acceleration gain is that of ``gains``.
+        references: shape (24,) what is followed, see :func:`wbc.task_kernels.evaluate_frames`. A stack of tasks keeps
+            those of all its tasks in one block.
     """
 
-    rows = 6
+    kind: int
 
     def __init__(self, frame_id: int, gains: TaskGains, angular_gains: TaskGains | None = None) -> None:
-        """``frame_id`` as given by :meth:`Kinematics.frame_id`; ``angular_gains`` are ``gains`` if not given."""
+        """``angular_gains`` are ``gains`` if not given. References start at zero and no turn; set them."""
         super().__init__(gains)
         self.angular_gains = gains if angular_gains is None else angular_gains
         self.frame_id = frame_id
-        self.position = np.zeros(3)
-        self.rotation = np.eye(3)
-        self.velocity = np.zeros(6)
-        self.acceleration = np.zeros(6)
+        self.references = np.zeros(24)
+        self.references[3:12] = np.eye(3).ravel()
+
+    def gain_row(self) -> Array:
+        """Gains (6,) in the order of :func:`wbc.task_kernels.evaluate_frames`."""
+        g, turn = self.gains, self.angular_gains
+        return np.array([g.k, g.max_correction, turn.k, turn.max_correction, g.acceleration_gain, g.max_change])
+
+    def drift(self, kin: Kinematics) -> Array:
+        """What is taken off the feed-forward acceleration (6,)."""
+        return kin.frame_drift(self.frame_id) if self.without_drift else np.zeros(6)
 
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
-        """See :meth:`Task.evaluate`."""
-        rotation, position = kin.frame_placement(self.frame_id)
-        acceleration = self.acceleration
-        if self.without_drift:
-            acceleration = acceleration - kin.frame_drift(self.frame_id)
-        command = self.velocity + acceleration / self.gains.acceleration_gain
-        command[:3] += self.gains.correction(self.position - position)
-        command[3:] += self.angular_gains.correction(rotation_log(self.rotation @ rotation.T))
-        return kin.frame_jacobian(self.frame_id), command
+        """See :meth:`Task.evaluate`; it knows of no evaluation before, so ``max_change`` does not count."""
+        jacobian, command = np.empty((self.rows, kin.nv)), np.empty(self.rows)
+        table = np.array([[0, self.frame_id, kin.frame_joint(self.frame_id), self.kind]])
+        gains = self.gain_row()[None]
+        gains[0, 5] = math.inf
+        evaluate_frames(
+            table,
+            gains,
+            self.references[None],
+            self.drift(kin)[None],
+            kin.frame_transforms,
+            kin.world_jacobian,
+            kin.support,
+            np.zeros((1, 3)),
+            jacobian,
+            command,
+        )
+        return jacobian, command
+
+
+class FramePositionTask(FrameTask):
+    """Origin of a frame to ``position`` with feed-forward ``velocity`` and ``acceleration``, each (3,), world."""
+
+    rows, kind = 3, POSITION
+    position = _Reference(0, 3)
+    velocity = _Reference(12, 3)
+    acceleration = _Reference(18, 3)
+
+
+class FrameOrientationTask(FrameTask):
+    """A frame's axes to ``rotation`` (3, 3) with feed-forward ``angular_velocity`` (3,), world."""
+
+    rows, kind = 3, ORIENTATION
+    rotation = _Reference(3, 3, 3)
+    angular_velocity = _Reference(15, 3)
+
+
+class FramePoseTask(FrameTask):
+    """A frame to ``position`` (3,) and ``rotation`` (3, 3), world.
+
+    Feed-forward ``velocity`` and ``acceleration``, (6,) each, linear first. ``gains`` are those of the position,
+    ``angular_gains`` those of the orientation.
+    """
+
+    rows, kind = 6, POSE
+    position = _Reference(0, 3)
+    rotation = _Reference(3, 3, 3)
+    velocity = _Reference(12, 6)
+    acceleration = _Reference(18, 6)
 
 
 class PostureTask(Task):
@@ -161,8 +198,11 @@ class PostureTask(Task):
         super().__init__(gains)
         self.rows = nj
         self.joints = np.zeros(nj)
+        self.nv_base = nv_base
         self._jacobian = np.hstack([np.zeros((nj, nv_base)), np.eye(nj)])
 
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`."""
-        return self._jacobian, self.gains.correction(self.joints - kin.q[kin.nq_base :])
+        command = np.empty(self.rows)
+        correct(self.joints, kin.q[kin.nq_base :], self.gains.k, self.gains.max_correction, command)
+        return self._jacobian, command

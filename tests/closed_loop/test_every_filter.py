@@ -21,10 +21,12 @@ KEEPING = ("cbf", "issf", "ecbf", "ssa", "rssa", "pssa", "sss", "pfm", "sma")
 
 
 @cache
-def into_the_torso(name: str, mass_scale: float = 1.2) -> RunResult:
+def into_the_torso(name: str, mass_scale: float = 1.2, layer: float | None = None) -> RunResult:
     return run_hand_tracking(
         HandTrackingOptions(
-            duration=CONFLICT, plant=PlantOptions(mass_scale=mass_scale), safety=FilterOptions(filter=name)
+            duration=CONFLICT,
+            plant=PlantOptions(mass_scale=mass_scale),
+            safety=FilterOptions(filter=name, layer=layer),
         )
     )
 
@@ -90,6 +92,15 @@ def test_nothing_touches(name: str) -> None:
 def test_filters_with_a_margin_keep_more_than_half_of_it(name: str) -> None:
     summary = into_the_torso(name).summary
     assert summary["min_h_self_collision_m"] > 0.5 * SET_MARGINS["self_collision"]
+
+
+@pytest.mark.parametrize("name", ["ssa", "rssa", "pssa", "sss"])
+def test_filters_with_a_layer_step_little_more_than_a_control_barrier(name: str) -> None:
+    layered, control = into_the_torso(name).summary, into_the_torso("cbf").summary
+    assert layered["command_step_max"] < 4 * control["command_step_max"]
+    assert layered["max_torque_fraction"] < 1.05 * control["max_torque_fraction"]
+    switched = into_the_torso(name, layer=0.0).summary
+    assert switched["command_step_max"] > 10 * layered["command_step_max"]
 
 
 @pytest.mark.parametrize(("name", "mass_scale"), [("cbf", 1.2), ("issf", 1.2), ("issf", 1.4)])

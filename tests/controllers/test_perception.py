@@ -1,5 +1,7 @@
 """What becomes of measured spheres before the filter sees them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -149,3 +151,25 @@ def test_radii_are_checked_by_number(radius: float) -> None:
 def test_velocity_is_checked() -> None:
     with pytest.raises(ConfigError, match="tracker velocity = 'true': must be one of estimated, zero"):
         SphereTracker([0.1], velocity="true")
+
+
+def test_what_was_given_last_is_where_it_goes_on_from() -> None:
+    """A measurement changes what is given by no more per tick than its share of the blending time."""
+    settings, dt, rng = TrackerSettings(gate=1.0), 0.002, np.random.default_rng(0)
+    tracker, at_once = SphereTracker([0.1], settings), SphereTracker([0.1], replace(settings, blending=0.0))
+    given: list[np.ndarray] = []
+    jumps: list[np.ndarray] = []
+    for k in range(200):
+        t = k * dt
+        if k % 10 == 0:
+            z = rng.normal(scale=0.005, size=3)
+            before = at_once.obstacles(t)[0].velocity if k else np.zeros(3)
+            for one in (tracker, at_once):
+                one.observe(0, z, t)
+            jumps.append(at_once.obstacles(t)[0].velocity - before)
+        given.append(tracker.obstacles(t)[0].velocity)
+    steps = np.diff(given, axis=0)
+    share = dt / settings.blending
+    # at the tick of the measurement already, and all of it within the blending time
+    np.testing.assert_allclose(steps[9::10], share * np.array(jumps[1:]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(given[19::10], np.cumsum(jumps, axis=0)[1:], rtol=0, atol=1e-12)

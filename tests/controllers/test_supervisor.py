@@ -235,6 +235,18 @@ def test_holding_keeps_the_obstacles_last_known_at_rest(
     assert supervisor.cause == "the obstacle is lost"
 
 
+def test_holding_keeps_the_obstacles_whatever_becomes_of_the_list_they_came_in(robot: RobotDescription) -> None:
+    supervisor, reference = among_obstacles(robot, ("capsule",))
+    given = [passing_capsule(0.0)]
+    supervisor.tick(at_rest(robot, 0.0), reference, given)
+    given.clear()
+    supervisor.hold("the obstacle is lost", 0.1)
+    for t in (0.1, 0.2):
+        _, result = supervisor.tick(at_rest(robot, t), reference, given)
+        assert result is not None
+    assert supervisor.cause == "the obstacle is lost"
+
+
 # --- what the controller refuses
 
 

@@ -22,7 +22,16 @@ from wbc.dynwbc import DynWbcWeights
 from wbc.qp import ProxqpSolver
 
 TASKS = TaskTuning(
-    foot=3.0, com=4.0, base=5.0, torso=6.0, hand=7.0, posture=8.0, max_linear=0.11, max_angular=0.23, sigma_min=1e-6
+    foot=3.0,
+    com=4.0,
+    base=5.0,
+    torso=6.0,
+    hand=7.0,
+    posture=8.0,
+    max_linear=0.11,
+    max_angular=0.23,
+    hand_acceleration=1e3,
+    sigma_min=1e-6,
 )
 ROWS = {
     "left_sole": slice(0, 6),
@@ -207,13 +216,49 @@ def test_acceleration_asked_for_is_acceleration_commanded(
 
 def test_the_cut_off_of_singular_values_is_the_configured_one(robot: RobotDescription) -> None:
     """Far above every singular value, no task is followed."""
-    case = Case(robot, tasks=replace(TASKS, sigma_min=1e3))
+    cut = replace(TASKS, singular="cut")
+    case = Case(robot, tasks=replace(cut, sigma_min=1e3))
     case.point("com").position += 0.1 * DIRECTION
     case.reference.joints = case.reference.joints + 0.1
     np.testing.assert_array_equal(case.desired(), 0)
-    case = Case(robot, tasks=TASKS)
+    case = Case(robot, tasks=cut)
     case.point("com").position += 0.1 * DIRECTION
     assert np.linalg.norm(case.desired()) > 0.1
+
+
+@pytest.mark.parametrize(
+    ("name", "setting"),
+    [("left_sole", "damped_foot"), ("com", "damped_com"), ("torso", "damped_turn"), ("left_hand", "damped_hand")],
+)
+def test_singular_values_of_each_level_are_damped_below_its_own_threshold(
+    robot: RobotDescription, name: str, setting: str
+) -> None:
+    """Far above every singular value, what the level asks for makes no difference; with another's threshold it does."""
+    steps = []
+    for changed in (setting, "damped_com" if setting == "damped_hand" else "damped_hand"):
+        case = Case(robot, tasks=replace(TASKS, **{changed: 1e3}))
+        before = case.desired()
+        if name == "torso":
+            case.reference.torso_rotation = pin.exp3(0.1 * DIRECTION) @ case.reference.torso_rotation
+        else:
+            case.point(name).position += 0.1 * DIRECTION
+        steps.append(np.linalg.norm(case.desired() - before))
+    assert steps[0] < 1e-4
+    assert steps[1] > 1e-2
+
+
+def test_a_hand_whose_target_jumps_speeds_up_at_the_configured_rate(robot: RobotDescription) -> None:
+    """The correction, not the feed-forward velocity: 2 m/s^2 for 4 ms ticks, up to the linear bound."""
+    case = Case(robot, tasks=replace(TASKS, hand_acceleration=2.0), dt=0.004)
+    case.point("left_hand").position += 5.0 * DIRECTION
+    for speed in (0.008, 0.016, 0.024):
+        case.assert_tasks_move(left_hand=speed * DIRECTION)
+    case.controller.reset(case.state)
+    case.assert_tasks_move(left_hand=0.008 * DIRECTION)
+    case.point("left_hand").position[:] = np.nan
+    assert np.isnan(case.desired()).any()
+    case.reference.hands = reference_here(case.kin, True).hands
+    case.assert_tasks_move(left_hand=np.zeros(3))
 
 
 # --- safety filter: rows, weights, parameters, bounds

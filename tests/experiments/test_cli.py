@@ -15,7 +15,7 @@ import pytest
 
 import experiments.options as options_module
 from controllers.whole_body import STAGES
-from experiments import cli, console, table
+from experiments import cli, console, table, warmup
 from experiments.options import OutputOptions, PlantOptions, RunOptions, StandOptions
 from experiments.results import load_result
 from robots.loader import load_robot
@@ -439,6 +439,44 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     for name in ("imports", "mujoco", "robots", "solvers", "kernels", "results"):
         assert f"ok   {name}" in outcome.out
     assert safewbc.files() == []
+
+
+def test_filled_caches_hold_every_kernel_that_a_controller_needs() -> None:
+    """In folders that hold an index for each kernel that was compiled or loaded here."""
+    done = warmup.fill_caches()
+    ready = [k for k in warmup.kernels() if k.overloads]
+    assert done.kernels == len(warmup.kernels()) >= len(ready) > 0
+    assert done.compiled + done.loaded >= len(ready)
+    kept = {path.name.split("-")[0] for folder in done.folders for path in folder.rglob("*.nbi")}
+    assert {f"{Path(k.py_func.__code__.co_filename).stem}.{k.py_func.__qualname__}" for k in ready} <= kept
+
+
+@pytest.mark.parametrize(
+    ("compiled", "told"), [(0, "44, all from the cache, ready after 1.5 s"), (7, "7 compiled now")]
+)
+def test_doctor_says_what_was_compiled_and_where_it_is_kept(
+    safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch, compiled: int, told: str
+) -> None:
+    places = (Path("/one/place"), Path("/another"))
+    monkeypatch.setattr(warmup, "fill_caches", lambda: warmup.Preparation(44, compiled, 44 - compiled, places, 1.5))
+    outcome = safewbc("doctor")
+    assert outcome.code == 0, outcome.out
+    (line,) = [line for line in outcome.out.splitlines() if line.startswith("ok   kernels")]
+    assert told in line
+    assert line.endswith("; kept in /one/place, /another")
+
+
+def test_doctor_tells_what_to_set_where_kernels_cannot_be_kept(
+    safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def nowhere() -> None:
+        raise RuntimeError("cannot cache function 'f': no locator available for file 'f.py'")
+
+    monkeypatch.setattr(warmup, "fill_caches", nowhere)
+    outcome = safewbc("doctor")
+    assert outcome.code == 1
+    assert "NUMBA_CACHE_DIR" in outcome.out
+    assert "a folder that can be written" in outcome.out
 
 
 def test_every_run_of_the_table_has_a_folder_that_tells_what_it_is() -> None:

@@ -114,7 +114,7 @@ def test_the_zmp_is_inside_the_feet_that_the_plan_has_down() -> None:
     series = recorded(in_contact=contact, step_zmp=np.column_stack([np.ones(20), y]))
     expected = [True, True, True, False, True, False, False, False, *[True] * 10, False, False]
     assert zmp_inside(series).tolist() == expected
-    assert zmp_inside_single(series) == 0.5
+    assert zmp_inside_single(series, zmp_inside(series)) == 0.5
     assert summarise(series, LoopOutcome(None, 5.0))["zmp_inside_fraction"] == 14 / 20
 
 

@@ -57,7 +57,7 @@ def known_series() -> dict[str, Array]:
         "sigma": np.tile([0.01] * 3 + [0.1] * 3, (n, 1)),
         "nees": np.where(settled, 5.0, 99.0),
         "nis": 3 * nan,
-        "step": np.outer(nan, [0.3, 0.0, 0.4]),
+        "step": np.tile([0.3, 0.0, 0.4], (n, 1)),
         "rejected": np.arange(n) // 100,
     }
 
@@ -81,14 +81,17 @@ def test_followed_series_is_of_the_motion_and_of_the_sensor() -> None:
     for k in (0, 100, 700):
         t = series["time"][k]
         np.testing.assert_array_equal(series["true"][k], np.concatenate([motion.position(t), motion.velocity(t)]))
-    due = ~np.isnan(series["step"][:, 0])
+    due = ~np.isnan(series["nis"])
+    due[0] = True
     assert np.flatnonzero(due).tolist() == list(range(0, 750, 10))
     # the raw position is held from one measurement to the next
     np.testing.assert_array_equal(series["raw"][due].repeat(10, axis=0), series["raw"])
-    # the estimated velocity is constant in between with this model, and steps by what is recorded
-    np.testing.assert_allclose(np.diff(series["estimate"][:, 3:], axis=0)[~due[1:]], 0.0, atol=1e-12)
-    jumps = np.diff(series["estimate"][:, 3:], axis=0)[due[1:]]
-    np.testing.assert_allclose(jumps, series["step"][due][1:], rtol=0, atol=1e-12)
+    # with this model the estimated velocity changes by measurements alone: evenly over five ticks, then it is constant
+    np.testing.assert_array_equal(series["step"][1:], np.diff(series["estimate"][:, 3:], axis=0))
+    steps = series["step"].reshape(75, 10, 3)
+    np.testing.assert_allclose(steps[:, 1:5], steps[:, :1].repeat(4, axis=1), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(steps[:, 5:], 0.0, atol=1e-12)
+    assert (np.abs(steps[1:, 0]).max(axis=1) > 0).all()
     error = series["estimate"][-1] - series["true"][-1]
     assert (np.abs(error) < 5 * series["sigma"][-1]).all()
 
@@ -142,7 +145,7 @@ def test_the_filter_is_told_what_it_is_said_to_be_told(velocity: str, monkeypatc
     for k, (real, seen) in enumerate(zip(true, believed, strict=True)):
         t = k * TICK
         np.testing.assert_allclose(real.position, true[0].position - [0, SPEED * t, 0], rtol=0, atol=1e-12)
-        track.measure(sensor.measure(real.position, t), t)
+        track.measure(sensor.measure(real.position, t), t, t - TICK)
         position, estimated = track.estimate(t)
         np.testing.assert_allclose(seen.position, position, rtol=0, atol=1e-12)
         larger = 3.0 * track.position_sigma(t) if velocity == "estimated + 3 sigma" else 0.0

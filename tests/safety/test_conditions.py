@@ -111,7 +111,7 @@ def test_parameters_come_in_the_order_of_the_families() -> None:
     np.testing.assert_array_equal(parameters().values("epsilon"), EPSILONS)
 
 
-@pytest.mark.parametrize("name", [n for n in FamilyParameters.__slots__ if n != "margin"])
+@pytest.mark.parametrize("name", [n for n in FamilyParameters.__slots__ if n not in ("margin", "layer")])
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, -np.inf, "5", None])
 def test_parameters_that_are_not_positive_numbers_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=rf"{name} = .*: must be a finite number above 0") as error:

@@ -18,6 +18,9 @@ from safety.second_order import ecbf_rows, index_rows
 
 ALPHA = SLOPE = 20.0
 ETA = 0.3
+LAYER = 0.015
+"""Of safe sets that are to act continuously [m, rad]."""
+
 PUSH = 0.6
 """Rate at which the nominal velocity makes the pushed row fall [m/s, rad/s]."""
 
@@ -68,12 +71,19 @@ def set_obstacle(barriers: BarrierSet, obstacle: Obstacle) -> None:
 
 
 def run(
-    robot: RobotDescription, name: str, family: str, dt: float, duration: float = 0.3, push: float = PUSH
+    robot: RobotDescription,
+    name: str,
+    family: str,
+    dt: float,
+    duration: float = 0.3,
+    push: float = PUSH,
+    layer: float = 0.0,
 ) -> Course:
     """Push the closest row of a family and hold each velocity for ``dt``; a sphere comes nearer meanwhile."""
     kin = Kinematics(robot)
     barriers = standard_barriers(kin, ("sphere",))
-    parameters = BarrierParameters(**{f: FamilyParameters(alpha=ALPHA, slope=SLOPE, eta=ETA) for f in FAMILIES})
+    values = FamilyParameters(alpha=ALPHA, slope=SLOPE, eta=ETA, layer=layer)
+    parameters = BarrierParameters(**dict.fromkeys(FAMILIES, values))
     safety_filter = SafetyFilter(name, barriers.size, parameters, np.full(kin.nv, 100.0))
     q = standing_configuration(robot, "hands_front")
     kin.update_geometry(q)
@@ -151,6 +161,22 @@ def test_safe_sets_are_overshot_by_no_more_than_one_step(robot: RobotDescription
     inside = (course.h <= course.margin)[:, held]
     assert (course.h < course.margin)[:, course.family].any()
     assert not (inside[:-1] & (np.diff(course.h, axis=0)[:, held] <= 0)).any()
+
+
+@pytest.mark.parametrize("dt", STEPS)
+@pytest.mark.parametrize("family", PUSHED)
+def test_with_a_layer_safe_sets_lose_what_control_barriers_of_its_slope_lose(
+    robot: RobotDescription, family: str, dt: float
+) -> None:
+    course = run(robot, "ssa", family, dt, layer=LAYER)
+    bend = course.bend.max(axis=0)
+    held = sound_rows(course) & (bend * dt <= 2 * ETA)
+    assert held[course.row]
+    bound = course.margin - bend * dt * LAYER / (2 * ETA) - ROUNDING
+    assert (course.h >= bound)[:, held].all()
+    assert (bound >= course.margin - LAYER - ROUNDING)[held].all()
+    # the push arrives
+    assert (course.h[-1] - course.margin)[course.family].min() < 0.02
 
 
 @pytest.mark.parametrize("dt", STEPS)

@@ -1,12 +1,17 @@
 """Closest points, distances and gradients of each pair of shapes: against coal, numpy oracles and special cases."""
 
+import ast
+import inspect
 from dataclasses import dataclass
+from types import ModuleType
 
 import coal
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from robots.messages import Array
+from safety import box_faces, boxes, geometry, kernels
 from safety.boxes import box_contacts
 from safety.geometry import (
     CONTACT_SIZE,
@@ -310,6 +315,10 @@ def random_box(rng: np.random.Generator) -> Box:
     return Box(rng.normal(scale=0.3, size=3), random_rotation(rng), rng.uniform(0.05, 0.4, 3))
 
 
+def unit(vector: Array) -> Array:
+    return np.asarray(vector / np.linalg.norm(vector))
+
+
 def shifted(a: Capsule, by: Array) -> Capsule:
     return Capsule(a.start + by, a.end + by, a.radius)
 
@@ -375,6 +384,24 @@ def test_normals_of_boxes_are_the_gradient_of_the_distance() -> None:
             np.testing.assert_allclose(contact[3:6], numeric, rtol=0, atol=1e-4 * max(1, 0.01 / abs(contact[6])))
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_distance_to_a_box_that_turns_changes_no_faster_than_its_corners_move(kind: str) -> None:
+    """Also where the way out of it changes to another face or edge, turning at 20 rad/s for half a second."""
+    rng = np.random.default_rng(17)
+    signs = set()
+    for _ in range(10):
+        a, box = random_capsule(rng, kind), random_box(rng)
+        turn = pin.exp3(20.0 * 0.002 * unit(rng.normal(size=3)))
+        step = np.linalg.norm(box.half_sizes) * np.linalg.norm(turn - np.eye(3), 2)
+        distance = box.contact(a)[6]
+        for _ in range(250):
+            box = Box(box.center, turn @ box.rotation, box.half_sizes)
+            before, distance = distance, box.contact(a)[6]
+            assert abs(distance - before) <= step + 1e-12
+            signs.add(bool(distance > 0))
+    assert signs == {True, False}
+
+
 def test_contacts_of_boxes_lie_on_the_segment_and_on_the_box() -> None:
     rng = np.random.default_rng(14)
     for _ in range(300):
@@ -433,3 +460,18 @@ def test_half_spaces_see_both_ends_whatever_the_depth() -> None:
             assert contact[6] == pytest.approx(normal @ (end - point), abs=1e-14)
             frame = np.array([contact[3:6], contact[7:10], contact[10:13]])
             np.testing.assert_allclose(frame @ frame.T, np.eye(3), rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("module", [geometry, boxes, box_faces, kernels], ids=lambda m: m.__name__)
+def test_every_loop_has_a_number_of_turns_known_before_it(module: ModuleType) -> None:
+    """Neither ``while`` nor recursion: the time that rows take has a bound, whatever the obstacles do."""
+    tree = ast.parse(inspect.getsource(module))
+    for function in (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef)):
+        for node in ast.walk(function):
+            assert not isinstance(node, ast.While), f"{function.name}, line {node.lineno}"
+            if isinstance(node, ast.For):
+                # over a range or the numbers of an array
+                over = ast.unparse(node.iter)
+                assert over.startswith("range(") or over.endswith(".flat"), f"{function.name}, line {node.lineno}"
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Name):
+                assert node.func.id != function.name

@@ -16,7 +16,9 @@ from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier
 from safety.obstacles import Obstacle
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _process_noise, _transition
 
-SETTINGS = TrackerSettings(position_noise=0.01, acceleration_noise=0.5, initial_speed=0.8, max_age=0.2)
+SETTINGS = TrackerSettings(position_noise=0.01, acceleration_noise=0.5, initial_speed=0.8, max_age=0.2, blending=0.0)
+"""Measurements count at once; how they are fed in is tested in ``test_blending``."""
+
 POSITION, VELOCITY = np.array([1.0, -2.0, 0.5]), np.array([0.3, 0.1, -0.2])
 
 

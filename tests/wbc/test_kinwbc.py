@@ -470,12 +470,18 @@ def test_evaluate_stacks_the_tasks_of_a_level_in_order(kin: Kinematics) -> None:
     kin.update(random_configuration(kin, np.random.default_rng(6)), np.zeros(kin.nv))
     gains = TaskGains(5.0)
     com = CenterOfMassTask(gains)
-    hand = FramePositionTask(kin.frame_id(kin.robot.roles["left_hand"]), gains)
+    hand, other = (FramePositionTask(kin.frame_id(kin.robot.roles[r]), gains) for r in ("left_hand", "right_hand"))
     com.position, hand.position = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
-    (jacobian, command), (single, _) = KinWbc(kin.nv, [[com, hand], [hand]]).evaluate(kin)
+    (jacobian, command), (single, _) = KinWbc(kin.nv, [[com, hand], [other]]).evaluate(kin)
     np.testing.assert_array_equal(jacobian, np.vstack([com.evaluate(kin)[0], hand.evaluate(kin)[0]]))
     np.testing.assert_array_equal(command, np.concatenate([com.evaluate(kin)[1], hand.evaluate(kin)[1]]))
-    np.testing.assert_array_equal(single, hand.evaluate(kin)[0])
+    np.testing.assert_array_equal(single, other.evaluate(kin)[0])
+
+
+def test_a_task_in_two_places_is_refused(kin: Kinematics) -> None:
+    task = CenterOfMassTask(TaskGains(5.0))
+    with pytest.raises(ConfigError, match="CenterOfMassTask"):
+        KinWbc(kin.nv, [[task], [task]])
 
 
 def test_tracking_with_the_integrated_velocity_brings_every_task_to_rest(robot: RobotDescription) -> None:

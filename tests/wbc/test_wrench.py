@@ -10,11 +10,22 @@ from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from robots.rotation import rotation_from_rpy, skew
-from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp, net_wrench
+from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp, net_wrench, reference_wrenches
 
 Soles = list[tuple[Array, Array]]
 WIDE = np.full((2, 2), 1e6)
+NO_LIMITS = np.ones(2)
 seeds = st.integers(0, 2**32 - 1)
+
+
+def distribute(mass: float, com: Array, acceleration: Array, soles: Soles, load: Array, half_sizes: Array) -> Array:
+    """The kernel, with placements as pinocchio keeps them: rotation column by column, then position."""
+    placements = np.array([np.append(rotation.T.ravel(), position) for rotation, position in soles])
+    return distribute_wrench(mass, com, acceleration, placements, load, half_sizes)
+
+
+def share(zmp: Array, centres: Array, in_contact: Array, load_limits: Array = NO_LIMITS) -> Array:
+    return load_from_zmp(zmp, np.ascontiguousarray(centres), in_contact, load_limits)
 
 
 def random_soles(rng: np.random.Generator, tilt: float) -> Soles:
@@ -53,7 +64,7 @@ def test_unclipped_wrenches_accelerate_the_centre_of_mass_and_do_not_turn_the_ro
     rng = np.random.default_rng(seed)
     mass, soles = rng.uniform(20.0, 120.0), random_soles(rng, 0.5)
     com, acceleration = random_motion(rng)
-    wrenches = distribute_wrench(mass, com, acceleration, soles, np.array([left, 1.0 - left]), WIDE)
+    wrenches = distribute(mass, com, acceleration, soles, np.array([left, 1.0 - left]), WIDE)
     total = sum_about(wrenches, soles, com)
     force = mass * (acceleration + np.array([0.0, 0.0, GRAVITY]))
     np.testing.assert_allclose(total[:3], force, rtol=0, atol=1e-11 * np.linalg.norm(force))
@@ -66,7 +77,7 @@ def test_each_foot_carries_its_share_of_the_force_clipped_or_not(seed: int, left
     soles = random_soles(rng, 0.5)
     com, acceleration = random_motion(rng)
     load, half = np.array([left, 1.0 - left]), rng.uniform(0.02, 0.15, (2, 2))
-    wrenches = distribute_wrench(50.0, com, acceleration, soles, load, half).reshape(2, 6)
+    wrenches = distribute(50.0, com, acceleration, soles, load, half).reshape(2, 6)
     force = 50.0 * (acceleration + np.array([0.0, 0.0, GRAVITY]))
     for share, part, (rotation, _) in zip(load, wrenches, soles, strict=True):
         np.testing.assert_allclose(rotation @ part[:3], share * force, rtol=0, atol=1e-10)
@@ -77,9 +88,9 @@ def test_centres_of_pressure_stay_inside_the_soles(seed: int, left: float) -> No
     rng = np.random.default_rng(seed)
     half = rng.uniform(0.02, 0.15, (2, 2))
     com, acceleration = random_motion(rng)
-    wrenches = distribute_wrench(
-        50.0, com, acceleration, random_soles(rng, 0.3), np.array([left, 1.0 - left]), half
-    ).reshape(2, 6)
+    wrenches = distribute(50.0, com, acceleration, random_soles(rng, 0.3), np.array([left, 1.0 - left]), half).reshape(
+        2, 6
+    )
     for part, (x, y) in zip(wrenches, half, strict=True):
         if part[2] > 0:  # else the sole is turned away from the force
             cop = centres_of_pressure(part)[0]
@@ -91,7 +102,7 @@ def test_clipping_moves_a_centre_of_pressure_to_the_nearest_edge_and_leaves_the_
     soles = [(np.eye(3), np.array([0.0, 0.1, 0.0])), (np.eye(3), np.array([0.0, -0.1, 0.0]))]
     com = np.array([0.3, 0.005, 0.7])
     half = np.array([[0.1, 0.03], [0.1, 0.03]])
-    wrenches = distribute_wrench(40.0, com, np.zeros(3), soles, np.array([0.5, 0.5]), half)
+    wrenches = distribute(40.0, com, np.zeros(3), soles, np.array([0.5, 0.5]), half)
     np.testing.assert_allclose(centres_of_pressure(wrenches), [[0.1, 0.005]] * 2, rtol=0, atol=1e-12)
 
 
@@ -101,7 +112,7 @@ def test_in_single_support_the_other_foot_is_free_and_the_zmp_is_the_centre_of_p
     rng = np.random.default_rng(seed)
     soles = random_soles(rng, 0.0)
     com, acceleration = random_motion(rng)
-    wrenches = distribute_wrench(50.0, com, acceleration, soles, np.eye(2)[foot], WIDE).reshape(2, 6)
+    wrenches = distribute(50.0, com, acceleration, soles, np.eye(2)[foot], WIDE).reshape(2, 6)
     assert not wrenches[1 - foot].any()
     rotation, position = soles[foot]
     cop = position + rotation @ np.append(centres_of_pressure(wrenches[foot])[0], 0.0)
@@ -116,7 +127,7 @@ def test_in_single_support_the_other_foot_is_free_and_the_zmp_is_the_centre_of_p
 def test_no_foot_pulls_when_falling_freely_or_faster(vertical: float) -> None:
     soles = [(np.eye(3), np.array([0.0, y, 0.0])) for y in (0.1, -0.1)]
     acceleration = np.array([0.1, 0.0, vertical])
-    assert not distribute_wrench(50.0, np.array([0.0, 0.0, 0.7]), acceleration, soles, np.full(2, 0.5), WIDE).any()
+    assert not distribute(50.0, np.array([0.0, 0.0, 0.7]), acceleration, soles, np.full(2, 0.5), WIDE).any()
 
 
 def test_inputs_are_not_written_to() -> None:
@@ -125,7 +136,7 @@ def test_inputs_are_not_written_to() -> None:
     com, acceleration = random_motion(rng)
     load, half = np.array([0.4, 0.6]), np.full((2, 2), 0.05)
     before = [x.copy() for x in (com, acceleration, load, half, *soles[0], *soles[1])]
-    distribute_wrench(50.0, com, acceleration, soles, load, half)
+    distribute(50.0, com, acceleration, soles, load, half)
     for a, b in zip((com, acceleration, load, half, *soles[0], *soles[1]), before, strict=True):
         assert np.array_equal(a, b)
 
@@ -140,6 +151,45 @@ def test_the_net_wrench_is_the_sum_and_shifts_with_its_point(seed: int) -> None:
     np.testing.assert_allclose(at_b[3:], at_a[3:] + skew(a - b) @ at_a[:3], rtol=0, atol=1e-12)
 
 
+def plain_wrenches(
+    mass: float, com: Array, acceleration: Array, soles: Soles, contact: Array, limits: Array, half: Array
+) -> Array:
+    """The reference wrenches step by step, in matrices."""
+    centres = np.array([position[:2] for _, position in soles])
+    height = com[2] - 0.5 * (soles[0][1][2] + soles[1][1][2])
+    zmp = com[:2] - acceleration[:2] * height / (GRAVITY + acceleration[2])
+    load = contact.astype(float)
+    if contact.all():
+        line = centres[0] - centres[1]
+        left = np.clip((zmp - centres[1]) @ line / (line @ line), 1.0 - limits[1], limits[0])
+        load = np.array([np.clip(left, 0.0, 1.0), 1.0 - np.clip(left, 0.0, 1.0)])
+    force = mass * (acceleration + np.array([0.0, 0.0, GRAVITY]))
+    if force[2] <= 0:
+        return np.zeros(12)
+    moment = np.cross(com - load @ np.array([position for _, position in soles]), force)
+    out = []
+    for part, (rotation, _), (x, y) in zip(load, soles, half, strict=True):
+        f, m = part * rotation.T @ force, part * rotation.T @ moment
+        bound = np.array([y, x]) * max(f[2], 0.0)
+        out += [f, np.append(np.clip(m[:2], -bound, bound), m[2])]
+    return np.concatenate(out)
+
+
+@given(seeds, st.sampled_from([(True, True), (True, False), (False, True), (False, False)]), st.booleans())
+def test_reference_wrenches_are_those_of_the_plain_form(seed: int, contact: tuple[bool, bool], limited: bool) -> None:
+    rng = np.random.default_rng(seed)
+    soles, (com, acceleration) = random_soles(rng, 0.4), random_motion(rng)
+    jacobian, half = np.asfortranarray(rng.normal(size=(3, 9))), rng.uniform(0.02, 0.15, (2, 2))
+    command = np.linalg.pinv(jacobian) @ acceleration
+    limits = np.array([0.7, 0.6]) if limited else NO_LIMITS
+    transforms = np.array([np.append(rotation.T.ravel(), position) for rotation, position in reversed(soles)])
+    wrenches = reference_wrenches(
+        50.0, com, jacobian, command, transforms, np.array([1, 0]), np.array(contact), limits, half
+    )
+    expected = plain_wrenches(50.0, com, acceleration, soles, np.array(contact), limits, half)
+    np.testing.assert_allclose(wrenches, expected, rtol=0, atol=1e-9)
+
+
 def standing(robot: RobotDescription) -> tuple[Kinematics, Soles]:
     kin = Kinematics(robot)
     kin.update(standing_configuration(robot), np.zeros(kin.nv))
@@ -149,9 +199,9 @@ def standing(robot: RobotDescription) -> tuple[Kinematics, Soles]:
 def test_standing_still_each_foot_carries_half_the_weight(robot: RobotDescription) -> None:
     kin, soles = standing(robot)
     zmp, centres = kin.com[:2], np.array([position[:2] for _, position in soles])
-    load = load_from_zmp(zmp, centres, np.array([True, True]))
+    load = share(zmp, centres, np.array([True, True]))
     half = np.array([[sole.half_length, sole.half_width] for sole in robot.soles])
-    wrenches = distribute_wrench(robot.total_mass, kin.com, np.zeros(3), soles, load, half).reshape(2, 6)
+    wrenches = distribute(robot.total_mass, kin.com, np.zeros(3), soles, load, half).reshape(2, 6)
     weight = robot.total_mass * GRAVITY
     expected = np.array([(kin.com[1] - centres[1, 1]), (centres[0, 1] - kin.com[1])]) * weight
     expected /= centres[0, 1] - centres[1, 1]
@@ -173,7 +223,7 @@ BOTH = np.array([True, True])
 def test_load_is_the_place_of_the_zmp_between_the_feet(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    load = load_from_zmp(zmp, centres, BOTH)
+    load = share(zmp, centres, BOTH)
     assert load.shape == (2,)
     assert (load >= 0).all()
     assert load.sum() == pytest.approx(1.0, abs=1e-15)
@@ -190,24 +240,24 @@ def test_load_does_not_depend_on_the_offset_across_the_line(seed: int, left: flo
     centres = np.random.default_rng(seed).normal(size=(2, 2))
     line = centres[0] - centres[1]
     zmp = left * centres[0] + (1 - left) * centres[1] + across * np.array([-line[1], line[0]])
-    np.testing.assert_allclose(load_from_zmp(zmp, centres, BOTH), [left, 1 - left], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(share(zmp, centres, BOTH), [left, 1 - left], rtol=0, atol=1e-9)
 
 
 @given(seeds)
 def test_exchanging_the_feet_exchanges_the_loads(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    swapped = load_from_zmp(zmp, centres[::-1], BOTH)
-    np.testing.assert_allclose(load_from_zmp(zmp, centres, BOTH), swapped[::-1], rtol=0, atol=1e-12)
+    swapped = share(zmp, centres[::-1], BOTH)
+    np.testing.assert_allclose(share(zmp, centres, BOTH), swapped[::-1], rtol=0, atol=1e-12)
 
 
 def test_load_ends_at_the_feet_and_stays_there() -> None:
     centres = np.array([[0.1, 0.12], [-0.05, -0.12]])
     line = centres[0] - centres[1]
     for beyond in (0.0, 0.3, 5.0):
-        np.testing.assert_allclose(load_from_zmp(centres[0] + beyond * line, centres, BOTH), [1.0, 0.0], atol=1e-15)
-        np.testing.assert_allclose(load_from_zmp(centres[1] - beyond * line, centres, BOTH), [0.0, 1.0], atol=1e-15)
-    np.testing.assert_allclose(load_from_zmp(centres.mean(axis=0), centres, BOTH), [0.5, 0.5], atol=1e-15)
+        np.testing.assert_allclose(share(centres[0] + beyond * line, centres, BOTH), [1.0, 0.0], atol=1e-15)
+        np.testing.assert_allclose(share(centres[1] - beyond * line, centres, BOTH), [0.0, 1.0], atol=1e-15)
+    np.testing.assert_allclose(share(centres.mean(axis=0), centres, BOTH), [0.5, 0.5], atol=1e-15)
 
 
 @given(seeds, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -217,20 +267,20 @@ def test_no_foot_is_loaded_above_its_limit_and_the_load_is_the_nearest_that_is_a
     rng = np.random.default_rng(seed)
     limits = np.array([one, max(other, 1.0 - one)])
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    load = load_from_zmp(zmp, centres, BOTH, limits)
+    load = share(zmp, centres, BOTH, limits)
     assert load.sum() == pytest.approx(1.0, abs=1e-15)
     assert (load >= 0).all()
     assert (load <= limits + 1e-12).all()
-    free = load_from_zmp(zmp, centres, BOTH)[0]
+    free = share(zmp, centres, BOTH)[0]
     np.testing.assert_allclose(load[0], np.clip(free, 1.0 - limits[1], limits[0]), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(load_from_zmp(zmp, centres, np.array([True, False]), limits), [1.0, 0.0])
+    np.testing.assert_array_equal(share(zmp, centres, np.array([True, False]), limits), [1.0, 0.0])
 
 
 def test_feet_in_one_place_share_equally() -> None:
-    np.testing.assert_array_equal(load_from_zmp(np.ones(2), np.zeros((2, 2)), BOTH), [0.5, 0.5])
+    np.testing.assert_array_equal(share(np.ones(2), np.zeros((2, 2)), BOTH), [0.5, 0.5])
 
 
 @pytest.mark.parametrize("contact", [(True, False), (False, True), (False, False)])
 def test_only_feet_on_the_ground_are_loaded(contact: tuple[bool, bool]) -> None:
     centres = np.array([[0.0, 0.1], [0.0, -0.1]])
-    np.testing.assert_array_equal(load_from_zmp(np.array([0.0, 0.3]), centres, np.array(contact)), contact)
+    np.testing.assert_array_equal(share(np.array([0.0, 0.3]), centres, np.array(contact)), contact)

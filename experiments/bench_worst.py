@@ -1,0 +1,278 @@
+"""Benchmark of the tick at its worst: adversarial sequences through supervisor, controller and filter; what is late."""
+
+import gc
+import json
+import os
+import platform
+import resource
+import sys
+from dataclasses import asdict, dataclass
+from time import perf_counter, thread_time
+from typing import Literal
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+from controllers.whole_body import STAGES
+from experiments.console import make_console
+from experiments.options import BenchOptions
+from experiments.worst_course import Course, undisturbed
+from experiments.worst_scenes import SCENES
+from robots.checks import require_between, require_one_of
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.loader import load_robot
+from robots.messages import Array, Mask
+from safety.filters import FILTERS, FilterStatus
+
+TICKS = 100_000
+"""Ticks of all sequences of a robot together, if not said otherwise."""
+
+WARM_UP = 50
+"""Ticks of each sequence before those that count."""
+
+EPISODE = 250
+"""After as many ticks the robot is put back into a state of the undisturbed run."""
+
+LATE = 2e-3
+"""A tick that takes longer is late [s]: the period at 500 Hz."""
+
+WIDTH = 120
+"""Characters that the tables need; a narrower terminal breaks their lines."""
+
+STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.UNSAFE)
+"""What a tick's filter may say, as counted."""
+
+LEGEND = """median to max: of a whole tick by the clock on the wall [ms]. CPU: the same by the time that the thread had
+a processor: what the operating system gave to others is not in it. late: ticks longer than 2 ms; in a row: most of them
+one after another. gc: collections of Python's collector that began within a tick. heap: blocks more in use after the
+last tick than after the first that counts. RSS: by how much the largest memory of the process grew meanwhile [MB]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Times:
+    """What the ticks of one sequence took.
+
+    Attributes:
+        median_ms: of the ticks [ms].
+        p99_ms: 99th percentile.
+        p999_ms: 99.9th percentile.
+        max_ms: the longest.
+        late: ticks longer than ``LATE``.
+        in_a_row: most late ones one after another.
+    """
+
+    median_ms: float
+    p99_ms: float
+    p999_ms: float
+    max_ms: float
+    late: int
+    in_a_row: int
+
+    @staticmethod
+    def of(seconds: Array) -> "Times":
+        """The figures of ticks that took ``seconds`` (n,) [s]."""
+        late = seconds > LATE
+        median, p99, p999, longest = (1e3 * float(x) for x in np.percentile(seconds, [50, 99, 99.9, 100]))
+        return Times(median, p99, p999, longest, int(late.sum()), longest_run(late))
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """What came of one sequence.
+
+    Attributes:
+        sequence: its name.
+        rows: number of barrier rows.
+        ticks: number of ticks.
+        wall: by the clock on the wall.
+        cpu: by the time that the thread had a processor.
+        stages_ms: median and 99.9th percentile of each stage, and of what the supervisor adds, by processor time [ms].
+        statuses: number of ticks by what the filter said.
+        unsolved: ticks on which DynWBC had no answer.
+        stops: how often the supervisor stopped the robot; it was then put back.
+        collections: of Python's collector that began within a tick.
+        heap_blocks: blocks of memory more in use at the end than at the beginning.
+        rss_mb: growth of the largest resident memory [MB].
+    """
+
+    sequence: str
+    rows: int
+    ticks: int
+    wall: Times
+    cpu: Times
+    stages_ms: dict[str, tuple[float, float]]
+    statuses: dict[str, int]
+    unsolved: int
+    stops: int
+    collections: int
+    heap_blocks: int
+    rss_mb: float
+
+
+class Collections:
+    """Counts the garbage collector's collections that begin while ``counting``."""
+
+    def __init__(self) -> None:
+        self.counting, self.count = False, 0
+
+    def __call__(self, phase: Literal["start", "stop"], info: dict[str, int]) -> None:
+        """What the collector calls."""
+        self.count += self.counting and phase == "start"
+
+    def __enter__(self) -> "Collections":
+        gc.callbacks.append(self)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        gc.callbacks.remove(self)
+
+
+class Log:
+    """What is kept of every tick, in arrays that are there before the first."""
+
+    def __init__(self, ticks: int) -> None:
+        # written once, so that their memory is taken before that of the ticks is looked at
+        self.wall, self.cpu = np.full(ticks, np.nan), np.full(ticks, np.nan)
+        self.stages = np.full((ticks, len(STAGES)), np.nan)
+        self.status = np.full(ticks, -1, dtype=np.int8)
+        self.unsolved = np.zeros(ticks, dtype=bool)
+        self.stopped = np.zeros(ticks, dtype=bool)
+
+    def statuses(self) -> dict[str, int]:
+        """Number of ticks by what the filter said."""
+        return {s.name.lower(): int((self.status == i).sum()) for i, s in enumerate(FilterStatus)}
+
+    def stages_ms(self) -> dict[str, tuple[float, float]]:
+        """See :attr:`Figures.stages_ms`; ticks of a robot that was stopped have none."""
+        columns = dict(zip(STAGES, self.stages.T, strict=True)) | {"supervisor": self.cpu - self.stages.sum(axis=1)}
+        return {name: _median_and_high(1e3 * column[np.isfinite(column)]) for name, column in columns.items()}
+
+
+def _median_and_high(values: Array) -> tuple[float, float]:
+    """Median and 99.9th percentile; not numbers where there are no values."""
+    if not values.size:
+        return float("nan"), float("nan")
+    median, high = np.percentile(values, [50, 99.9])
+    return float(median), float(high)
+
+
+def play(course: Course, ticks: int) -> Figures:
+    """Run ``WARM_UP`` and then ``ticks`` ticks; the figures of those."""
+    with Collections() as collections:
+        _run(course, Log(WARM_UP), collections)
+        log = Log(ticks)
+        blocks, memory, collections.count = heap_blocks(), resident_mb(), 0
+        _run(course, log, collections)
+        blocks, memory = heap_blocks() - blocks, resident_mb() - memory
+    return Figures(
+        course.adversary.scene.name,
+        course.controller.barriers.size,
+        ticks,
+        Times.of(log.wall),
+        Times.of(log.cpu),
+        log.stages_ms(),
+        log.statuses(),
+        int(log.unsolved.sum()),
+        int(log.stopped.sum()),
+        collections.count,
+        blocks,
+        memory,
+    )
+
+
+def _run(course: Course, log: Log, collections: Collections) -> None:
+    """As many ticks as the log has room for; a robot that is stopped is put back at once."""
+    order = list(FilterStatus)
+    for i in range(log.wall.size):
+        if i and i % EPISODE == 0:
+            course.restart()
+        state, reference, obstacles = course.prepare()
+        collections.counting = True
+        used, began = thread_time(), perf_counter()
+        result = course.supervisor.tick(state, reference, obstacles)[1]
+        log.wall[i], log.cpu[i] = perf_counter() - began, thread_time() - used
+        collections.counting = False
+        if result is not None:
+            log.stages[i], log.status[i] = result.stage_seconds, order.index(result.safety.status)
+            log.unsolved[i] = result.dynwbc.status != "optimal"
+            course.follow(result)
+        if course.supervisor.blind:
+            log.stopped[i] = True
+            course.restart()
+
+
+def longest_run(late: Mask) -> int:
+    """How many late ones, of ``late`` (n,) bool, follow each other at most."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], late, [False]])))
+    return int(np.diff(edges)[::2].max(initial=0))
+
+
+def heap_blocks() -> int:
+    """Blocks of memory in use by Python's objects, without what it keeps for reuse."""
+    # a full collection also empties the lists of free tuples and the like, which fill up to a bound first
+    gc.collect()
+    return sys.getallocatedblocks()
+
+
+def resident_mb() -> float:
+    """Largest resident memory that the process has had so far [MB]."""
+    unit = 1.0 if sys.platform == "darwin" else 1024.0
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * unit / 1e6
+
+
+def bench_worst(options: BenchOptions) -> int:
+    """Play every sequence with every robot and print the tables; returns 0."""
+    ticks = TICKS if options.ticks is None else options.ticks
+    require_between("ticks", ticks, 100, 100_000_000)
+    robots = checked_robots(options)
+    console = make_console()
+    console.width = max(console.width, WIDTH)
+    found: dict[str, list[Figures]] = {}
+    for robot in robots:
+        with console.status(f"{robot.title}: an undisturbed run") as status:
+            starts = undisturbed(robot, options)
+            found[robot.name] = []
+            for scene in SCENES:
+                status.update(f"{robot.title}: {scene.name}")
+                found[robot.name].append(play(Course(robot, options, scene, starts), ticks // len(SCENES)))
+        for table in tables(found[robot.name], f"{robot.title}, filter {options.filter}"):
+            console.print(table)
+    console.print(LEGEND)
+    console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
+    if options.out is not None:
+        out = {name: [asdict(f) for f in figures] for name, figures in found.items()}
+        options.out.write_text(json.dumps(out, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def checked_robots(options: BenchOptions) -> list[RobotDescription]:
+    """The robots to measure.
+
+    Raises:
+        ConfigError: there are none, or there is no such filter.
+    """
+    require_one_of("filter", options.filter, FILTERS)
+    if not options.robots:
+        raise ConfigError("robots", options.robots, "at least one robot")
+    return [load_robot(name) for name in options.robots]
+
+
+def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
+    """Times, and what came of the ticks."""
+    times = Table(title=f"{title}: {sum(f.ticks for f in figures)} ticks", box=SIMPLE_HEAD, title_justify="left")
+    events = Table(box=SIMPLE_HEAD)
+    heads = ("rows", "median", "p99", "p99.9", "max", "late", "in a row", "CPU p99.9", "max", "late", "in a row")
+    for table, columns in ((times, heads), (events, (*STATUSES, "no torques", "stops", "gc", "heap", "RSS"))):
+        table.add_column("sequence")
+        for column in columns:
+            table.add_column(column, justify="right")
+    for f in figures:
+        wall, cpu = f.wall, f.cpu
+        by_clock = (f"{x:.2f}" for x in (wall.median_ms, wall.p99_ms, wall.p999_ms, wall.max_ms))
+        by_cpu = (f"{cpu.p999_ms:.2f}", f"{cpu.max_ms:.2f}", str(cpu.late), str(cpu.in_a_row))
+        times.add_row(f.sequence, str(f.rows), *by_clock, str(wall.late), str(wall.in_a_row), *by_cpu)
+        counts = (*(f.statuses[s] for s in STATUSES), f.unsolved, f.stops, f.collections, f.heap_blocks)
+        events.add_row(f.sequence, *map(str, counts), f"{f.rss_mb:.1f}")
+    return times, events

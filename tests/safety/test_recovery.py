@@ -1,0 +1,193 @@
+"""The way out of a broken barrier: bounded in speed and acceleration, and nothing is taken from rows that hold."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from robots.errors import ConfigError
+from robots.messages import Array
+from safety.conditions import BarrierParameters, FamilyParameters, cbf
+from safety.filters import FilterResult, FilterStatus, SafetyFilter
+from safety.recovery import Recovery, RecoverySettings
+from safety.rows import FAMILIES, BarrierRows
+
+DT, ALPHA, DEPTH, SPEED, ACCELERATION = 0.002, 4.0, 0.005, 0.25, 2.0
+SETTINGS = RecoverySettings()
+FAMILY = FamilyParameters(
+    alpha=ALPHA,
+    recovery_depth=DEPTH,
+    recovery_speed=SPEED,
+    recovery_acceleration=ACCELERATION,
+    layer=0.005,
+    eta=0.1,
+    slack_weight=1e5,
+)
+PARAMETERS = BarrierParameters(**dict.fromkeys(FAMILIES, FAMILY))
+QPS = ("cbf", "issf", "ssa", "rssa", "pssa", "sss")
+
+
+def rows_of(h: Array, jac: Array, drift: Array | None = None) -> BarrierRows:
+    n = len(h)
+    return BarrierRows(
+        np.array(h, dtype=float), jac, np.zeros(n) if drift is None else drift, np.ones(n, dtype=np.intp)
+    )
+
+
+def filter_of(n: int, nv: int, name: str = "cbf", recovery: RecoverySettings | None = SETTINGS) -> SafetyFilter:
+    return SafetyFilter(name, n, PARAMETERS, np.full(nv, 20.0), dt=DT, recovery=recovery)
+
+
+def leave(safety: SafetyFilter, h: Array, jac: Array, v_des: Array, duration: float) -> tuple[Array, Array]:
+    """Rows of constant gradient, moved exactly as the filter says: h (steps + 1, n) and v (steps, nv)."""
+    heights, velocities = [np.array(h, dtype=float)], []
+    for _ in range(round(duration / DT)):
+        result = safety.apply(rows_of(heights[-1], jac), v_des)
+        assert result.status != FilterStatus.FAILED
+        velocities.append(result.v)
+        heights.append(heights[-1] + DT * (jac @ result.v))
+    return np.array(heights), np.array(velocities)
+
+
+@pytest.mark.parametrize("name", QPS)
+@pytest.mark.parametrize("pull", [0.0, -1.5])
+def test_a_row_comes_back_in_the_time_that_is_promised(name: str, pull: float) -> None:
+    jac, start = np.array([[0.3, -0.4, 0.0]]), -0.1
+    h, v = leave(filter_of(1, 3, name), np.array([start]), jac, pull * jac[0] / np.linalg.norm(jac), 2.0)
+    u, k = SETTINGS.acceleration, SETTINGS.weight
+    fall = u * np.abs(jac).sum()
+    assert fall < k * ACCELERATION
+    speed = SPEED - fall * DT / k
+    promised = -start / speed + SPEED * (k + 1) / (k * ACCELERATION - fall)
+    deep = h[:, 0] < -DEPTH
+    assert deep.argmin() * DT <= promised
+    # from there on exponentially
+    first = int(deep.argmin())
+    times = DT * np.arange(len(h) - first)
+    decay = np.exp(-(1 - 1 / k) * speed / DEPTH * times)
+    assert (h[first:, 0] >= -DEPTH * decay - 1e-4).all()
+    # no faster than what it may ask for, which grows no faster than it may
+    rate = v @ jac[0]
+    fastest = {"cbf": 0.0, "issf": 0.25 / FAMILY.epsilon, "sss": 10 * 0.01}.get(name, 0.1) + SPEED
+    assert rate.max() <= fastest + 1e-6
+    assert np.diff(rate, prepend=0.0).max() <= ACCELERATION * DT + fall * DT + 1e-6
+
+
+def contradicting(n: int = 6, nv: int = 5) -> Array:
+    """Rows that hold together only at a great velocity."""
+    rng = np.random.default_rng(4)
+    jac = np.zeros((n, nv))
+    jac[:, 0] = np.where(np.arange(n) % 2, -0.4, 0.4)
+    jac[:, 1:] = 0.01 + 0.002 * rng.normal(size=(n, nv - 1))
+    return jac
+
+
+@pytest.mark.parametrize("name", QPS)
+def test_rows_that_contradict_each_other_are_left_gently(name: str) -> None:
+    jac = contradicting()
+    h, v = leave(filter_of(6, 5, name), np.full(6, -0.1), jac, np.zeros(5), 1.0)
+    strict = filter_of(6, 5, name, None).apply(rows_of(h[0], jac), np.zeros(5)).v
+    steps = np.abs(np.diff(v, axis=0, prepend=np.zeros((1, 5))))
+    # the bound that is stated, unit metric; the largest entry is no larger than the length
+    length = np.linalg.norm(jac, axis=1)
+    bound = np.sqrt(SETTINGS.weight * np.sum((ACCELERATION * DT / length) ** 2))
+    bound += 2 * SETTINGS.acceleration * DT * np.sqrt(5)
+    assert np.linalg.norm(steps, axis=1).max() <= bound
+    assert np.abs(strict).max() > 4 * steps.max()
+    # what they have in common is had
+    assert (h[-1] > h[0]).all()
+
+
+def test_rows_that_hold_are_kept_and_go_before_those_that_do_not() -> None:
+    """The lost row wants what the other forbids."""
+    jac = np.array([[0.5, 0.0], [-0.5, 0.0]])
+    safety = filter_of(2, 2)
+    h = np.array([-0.1, 0.01])
+    for _ in range(500):
+        result = safety.apply(rows_of(h, jac), np.zeros(2))
+        assert (jac @ result.v)[1] >= -ALPHA * h[1] - 1e-8
+        # what is not met is said, against the condition as it is
+        assert result.status == FilterStatus.RELAXED
+        assert result.relaxed.tolist() == [0]
+        assert result.slack == pytest.approx(-ALPHA * h[0] - (jac @ result.v)[0], abs=1e-9)
+        h = h + DT * (jac @ result.v)
+    assert 0 < h[1] < 0.001
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_only_what_lost_rows_ask_for_changes_and_continuously(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    n, nv = 30, 8
+    jac, drift = rng.normal(size=(n, nv)), 0.1 * rng.normal(size=n)
+    h = rng.uniform(-0.02, 0.05, size=n)
+    h[0], h[1], h[2] = -0.1, -1e-9, 0.0
+    p = PARAMETERS.of_rows(np.ones(n, dtype=np.intp))
+    recovery = Recovery(nv, n, SETTINGS, DT)
+    rows = rows_of(h, jac, drift)
+    spaces = cbf(rows, p)
+    b, A = spaces.b.copy(), spaces.A.copy()
+    eased = recovery.ease(rows, spaces, cbf, p, np.zeros(nv), lambda: np.eye(nv), np.full(nv, 20.0))
+    assert eased is not None
+    np.testing.assert_array_equal(spaces.b, b)
+    np.testing.assert_array_equal(eased.spaces.A, A)
+    np.testing.assert_array_equal(eased.spaces.b[h >= 0], b[h >= 0])
+    assert eased.spaces.b[1] == pytest.approx(b[1], abs=1e-5)
+    lost = h < 0
+    assert (eased.spaces.b[lost] + drift[lost] <= SPEED + 1e-9).all()
+
+
+@pytest.mark.parametrize("name", QPS)
+def test_a_row_that_is_met_all_along_is_not_eased_however_deep(name: str) -> None:
+    """A disturbance carries h below the boundary while the command does what is asked: the filter stays as it is."""
+    jac = np.array([[0.5, 0.2]])
+    with_it, without = filter_of(1, 2, name), filter_of(1, 2, name, None)
+    for h in np.linspace(0.02, -0.02, 400):
+        results: list[FilterResult] = [
+            f.apply(rows_of(np.array([h]), jac), np.array([-0.2, 0.1])) for f in (with_it, without)
+        ]
+        np.testing.assert_array_equal(results[0].v, results[1].v)
+
+
+def test_once_out_the_filter_is_the_strict_one_again() -> None:
+    jac, v_des = np.array([[0.3, -0.4, 0.0], [0.0, 0.5, 0.1]]), np.array([-0.3, 0.2, 1.0])
+    safety, strict = filter_of(2, 3), filter_of(2, 3, recovery=None)
+    h, v = leave(safety, np.array([-0.1, 0.05]), jac, v_des, 6.0)
+    assert (h[-1] >= -1e-5).all()
+    rows = rows_of(np.array([0.001, 0.05]), jac)
+    np.testing.assert_allclose(safety.apply(rows, v_des).v, strict.apply(rows, v_des).v, rtol=0, atol=1e-6)
+    assert np.abs(np.diff(v, axis=0)).max() < 0.15
+
+
+def test_what_moves_elsewhere_is_not_held_back() -> None:
+    """The nominal velocity of joints that no lost row has: passed at once."""
+    jac = np.array([[0.5, 0.0, 0.0]])
+    safety = filter_of(1, 3)
+    for k in range(100):
+        v_des = np.array([0.0, np.sin(0.5 * k), 3.0 * np.cos(0.7 * k)])
+        result = safety.apply(rows_of(np.array([-0.1]), jac), v_des)
+        np.testing.assert_allclose(result.v[1:], v_des[1:], rtol=0, atol=1e-9)
+
+
+def test_pushes_and_accelerations_have_none() -> None:
+    for name in ("pfm", "sma"):
+        rows = rows_of(np.array([-0.1]), np.array([[0.5, 0.1]]))
+        rows = replace(rows, cartesian=lambda _: (np.array([[0.5, 0.1]]), np.ones(1)))
+        results = [filter_of(1, 2, name, r).apply(rows, np.zeros(2)) for r in (None, SETTINGS)]
+        np.testing.assert_array_equal(results[0].v, results[1].v)
+
+
+@pytest.mark.parametrize("jac", [1e200, 1e-200, 0.0])
+@pytest.mark.parametrize("h", [-1e200, -1e-3, -0.1])
+def test_numbers_that_are_too_large_or_vanish_do_not_raise(jac: float, h: float) -> None:
+    safety = filter_of(3, 2)
+    rows = rows_of(np.array([h, -0.1, 0.1]), np.array([[jac, 0.0], [0.3, 0.4], [0.0, jac]]))
+    for _ in range(3):
+        result = safety.apply(rows, np.zeros(2), hands=np.array([[jac, 1.0]]))
+        assert np.isfinite(result.v).all()
+
+
+@pytest.mark.parametrize("name", ["weight", "acceleration"])
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan"), float("inf")])
+def test_bad_settings_are_refused(name: str, value: float) -> None:
+    with pytest.raises(ConfigError, match=f"recovery {name}"):
+        RecoverySettings(**{name: value})

@@ -1,0 +1,118 @@
+"""Tasks in one block of rows: the same as each task alone, wherever its references are kept."""
+
+import math
+
+import numpy as np
+import pytest
+
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
+from robots.messages import Array
+from robots.pinocchio_model import standing_configuration
+from robots.rotation import rotation_from_rpy
+from wbc.task_block import TaskBlock
+from wbc.tasks import (
+    CenterOfMassTask,
+    FrameOrientationTask,
+    FramePoseTask,
+    FramePositionTask,
+    PostureTask,
+    Task,
+    TaskGains,
+)
+
+GAINS = TaskGains(8.0, 0.7, 33.0)
+
+
+def moving(robot: RobotDescription) -> Kinematics:
+    kin, rng = Kinematics(robot), np.random.default_rng(0)
+    q = standing_configuration(robot)
+    q[7:] = rng.uniform(*robot.position_limits)
+    kin.update(q, rng.normal(size=kin.nv))
+    kin.update_drift()
+    return kin
+
+
+def all_kinds(kin: Kinematics, rng: np.random.Generator) -> list[list[Task]]:
+    """Levels with every kind of task, their references drawn."""
+    frame = {role: kin.frame_id(name) for role, name in kin.robot.roles.items()}
+    pose, com = FramePoseTask(frame["left_sole"], GAINS, TaskGains(4.0, 0.3, 33.0)), CenterOfMassTask(GAINS)
+    turn, point = FrameOrientationTask(frame["torso"], GAINS), FramePositionTask(frame["right_hand"], GAINS)
+    posture = PostureTask(kin.nv - 6, GAINS)
+    pose.without_drift = com.without_drift = True
+    pose.position, pose.rotation = rng.normal(size=3), rotation_from_rpy(rng.normal(size=3))
+    pose.velocity, pose.acceleration = rng.normal(size=6), rng.normal(size=6)
+    com.position, com.velocity, com.acceleration = rng.normal(size=(3, 3))
+    turn.rotation, turn.angular_velocity = rotation_from_rpy(rng.normal(size=3)), rng.normal(size=3)
+    point.position, point.velocity, point.acceleration = rng.normal(size=(3, 3))
+    posture.joints = rng.normal(size=kin.nv - 6)
+    return [[pose, com], [turn], [point], [posture]]
+
+
+def plain_rows(kin: Kinematics, task: Task) -> tuple[Array, Array]:
+    """Jacobian from pinocchio, command from the formula of :class:`wbc.tasks.TaskGains`."""
+    assert isinstance(task, FramePoseTask)
+    rotation, position = kin.frame_placement(task.frame_id)
+    turn = task.rotation @ rotation.T
+    angle = math.acos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))
+    axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / (2 * math.sin(angle))
+    command = task.velocity + (task.acceleration - kin.frame_drift(task.frame_id)) / task.gains.acceleration_gain
+    command[:3] += task.gains.correction(task.position - position)
+    command[3:] += task.angular_gains.correction(angle * axis)
+    return kin.frame_jacobian(task.frame_id), command
+
+
+def test_a_block_has_the_rows_of_each_task_in_order(robot: RobotDescription) -> None:
+    kin, rng = moving(robot), np.random.default_rng(1)
+    levels = all_kinds(kin, rng)
+    alone = [[task.evaluate(kin) for task in level] for level in levels]
+    block = TaskBlock(kin.nv, levels)
+    for _ in range(2):
+        for (jacobian, command), parts in zip(block.evaluate(kin), alone, strict=True):
+            np.testing.assert_array_equal(jacobian, np.concatenate([j for j, _ in parts]))
+            np.testing.assert_array_equal(command, np.concatenate([c for _, c in parts]))
+    np.testing.assert_array_equal(block.jacobian, np.concatenate([j for j, _ in block.levels]))
+    assert block.sizes.tolist() == [9, 3, 3, kin.nv - 6]
+
+
+def test_rows_of_a_pose_are_those_of_the_plain_formulas(robot: RobotDescription) -> None:
+    kin = moving(robot)
+    pose = all_kinds(kin, np.random.default_rng(2))[0][0]
+    for result, expected in zip(pose.evaluate(kin), plain_rows(kin, pose), strict=True):
+        np.testing.assert_allclose(result, expected, rtol=0, atol=1e-12)
+
+
+def test_references_set_after_the_layout_count(robot: RobotDescription) -> None:
+    """By assignment and in place; what was assigned is copied."""
+    kin = moving(robot)
+    hand = FramePositionTask(kin.frame_id(robot.roles["left_hand"]), GAINS)
+    block = TaskBlock(kin.nv, [[hand]])
+    target = kin.frame_placement(hand.frame_id)[1] + np.array([0.01, 0.0, 0.0])
+    hand.position = target
+    target[:] = np.nan
+    np.testing.assert_allclose(block.evaluate(kin)[0][1], [0.08, 0.0, 0.0], rtol=0, atol=1e-12)
+    hand.position[1] += 0.02
+    np.testing.assert_allclose(block.evaluate(kin)[0][1], [0.08, 0.16, 0.0], rtol=0, atol=1e-12)
+
+
+def test_a_correction_changes_by_no_more_than_it_may(robot: RobotDescription) -> None:
+    """On the straight way to the new one, and at its own bound from there on; after a reset from zero again."""
+    kin = moving(robot)
+    hand = FramePositionTask(kin.frame_id(robot.roles["left_hand"]), TaskGains(8.0, 0.5, max_change=0.2))
+    block = TaskBlock(kin.nv, [[hand]])
+    hand.velocity = np.array([0.0, 0.0, 3.0])
+    for way in (np.array([0.6, -0.8, 0.0]), np.array([-0.6, 0.8, 0.0])):
+        hand.position = kin.frame_placement(hand.frame_id)[1] + 5.0 * way
+        commands = [block.evaluate(kin)[0][1] - hand.velocity for _ in range(7)]
+        steps = np.linalg.norm(np.diff([c.copy() for c in commands], axis=0), axis=1)
+        assert (steps <= 0.2 + 1e-12).all()
+        np.testing.assert_allclose(commands[-1], 0.5 * way, rtol=0, atol=1e-12)
+    block.reset()
+    np.testing.assert_allclose(block.evaluate(kin)[0][1] - hand.velocity, 0.2 * way, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("nan")])
+def test_a_bad_bound_of_the_change_is_refused(value: float) -> None:
+    with pytest.raises(ConfigError, match="max_change"):
+        TaskGains(8.0, max_change=value)

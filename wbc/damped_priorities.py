@@ -1,0 +1,375 @@
+r"""Prioritised velocities that are continuous at singularities.
+
+Each level's projected Jacobian :math:`J_i Z_{i-1} = U \Sigma V^T` is inverted with its small singular values damped,
+and leaves to the levels below what it does not use itself:
+
+.. math:: \dot q_i = \dot q_{i-1} + Z_{i-1} V g(\Sigma) U^T (\dot x_i - J_i \dot q_{i-1}),\quad
+    g(\sigma) = \frac{\sigma}{\max(\sigma, \sigma_d)^2},\quad
+    Z_i = Z_{i-1} \left(I - V s(\Sigma) V^T\right),\quad s(\sigma) = \min\left(1, (\sigma/\sigma_d)^2\right)
+
+:math:`g` is the damped inverse :math:`\sigma / (\sigma^2 + \lambda^2)` with
+:math:`\lambda^2 = \sigma_d^2 - \sigma^2` below the threshold :math:`\sigma_d` and none above it: the damping that fades
+in of Nakamura and Hanafusa (ASME J. Dyn. Syst. Meas. Control 108, 1986), taken singular value by singular value as by
+Maciejewski and Klein (J. Robotic Systems 5, 1988). Both :math:`g` and :math:`s` are continuous and vanish at 0, so the
+velocity is a continuous function of Jacobians and commands, whatever their rank; with a cut (eq. (13) of Lee et al. as
+:func:`wbc.kinwbc.prioritised_velocity` has it) it jumps wherever a singular value passes the cut.
+
+Where all singular values are at least :math:`\sigma_d` this is eq. (13) of Lee et al. exactly. Elsewhere
+
+- no direction gets more than its residual over :math:`\sigma_d`: :math:`g(\sigma) \le 1/\sigma_d`;
+- a level moves by the share s of its residual along a damped direction, and the levels below move it along there by at
+  most :math:`\sigma (1 - s) \le \tfrac{2}{3\sqrt 3} \sigma_d` times the norm of their own step in the coordinates of Z.
+
+The posture, where it is the last level, asks for joint velocities, one each. It is met in the least squares sense,
+
+.. math:: \min_y \|S Z y - r\|^2 + \sum_j s_j^2 (v_j^T y)^2 + \rho \|y\|^2
+
+with S the choice of the joints and r what is left to do. The sum goes over all directions :math:`v_j` that the levels
+above use: it changes nothing where they use them as a whole, and keeps the velocity continuous where one becomes free.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numba import njit, types
+
+from robots.messages import Array, Indices
+from wbc.task_kernels import MATRIX, OUT, OUT_ROWS, VECTOR
+
+SWEEPS = 10
+"""Passes over all pairs of rows while they are made orthogonal; convergence is quadratic, 5 or 6 are usual."""
+
+ORTHOGONAL = 1e-15
+"""Cosine of the angle at which two rows count as orthogonal."""
+
+UNUSED = 1e-16
+"""Share of a direction below which it counts as left to the levels below as a whole."""
+
+RIDGE = 1e-9
+"""rho, on directions that move no joint: the posture leaves them alone."""
+
+SUMS = {"reassoc", "contract"}
+"""Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
+
+SIZES = types.Array(types.int64, 1, "C", readonly=True)
+
+
+def damped_velocity(
+    levels: Sequence[tuple[Array, Array]], nv: int, damped_below: Sequence[float] | Array, posture: Array | None = None
+) -> Array:
+    """Generalised velocity (nv,) of prioritised levels: see this module.
+
+    Args:
+        levels: highest priority first; Jacobians (m_i, nv) and commanded velocities (m_i,).
+        nv: size of the velocity.
+        damped_below: threshold of each level's singular values [m or 1, as its rows], above 0.
+        posture: shape (nj,) commanded velocities of the last nj entries, below all levels; ``None``: none.
+    """
+    sizes = np.array([command.size for _, command in levels], dtype=np.int64)
+    jacobian = np.concatenate([np.zeros((0, nv)), *(jacobian for jacobian, _ in levels)])
+    command = np.concatenate([np.zeros(0), *(command for _, command in levels)])
+    thresholds = np.asarray(damped_below, dtype=float)
+    return solve_levels(jacobian, command, sizes, thresholds, np.zeros(0) if posture is None else posture)
+
+
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+def _project(directions: Array, shares: Array, count: int, row: Array) -> None:
+    """Row times Z, in place: takes off the share of each of the ``count`` directions, the first first."""
+    for d in range(count):
+        direction, along = directions[d], 0.0
+        for j in range(row.size):
+            along += direction[j] * row[j]
+        along *= shares[d]
+        for j in range(row.size):
+            row[j] -= along * direction[j]
+
+
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+def _move(directions: Array, shares: Array, count: int, step: Array) -> None:
+    """Z times a step, in place; a step has no part along the directions that are used as a whole."""
+    for d in range(count - 1, -1, -1):
+        if shares[d] < 1.0:
+            direction, along = directions[d], 0.0
+            for j in range(step.size):
+                along += direction[j] * step[j]
+            along *= shares[d]
+            for j in range(step.size):
+                step[j] -= along * direction[j]
+
+
+@njit(types.boolean(OUT_ROWS, types.float64), cache=True, error_model="numpy")
+def _certainly_above(low: Array, threshold: float) -> bool:
+    """Whether no singular value of a lower triangular matrix (m, m) is below ``threshold``; False proves nothing.
+
+    With G = L L^T the smallest is at least 1 / sqrt(||G^-1||_F).
+    """
+    m = low.shape[0]
+    inverse, trace = np.zeros((m, m)), 0.0
+    for c in range(m):
+        for i in range(c, m):
+            value = 1.0 if i == c else 0.0
+            for k in range(c, i):
+                value -= low[i, k] * inverse[k, c]
+            inverse[i, c] = value / low[i, i]
+            trace += inverse[i, c] * inverse[i, c]
+    limit = 1.0 / (threshold * threshold)
+    if trace < limit:
+        return True
+    total = 0.0
+    for a in range(m):
+        for b in range(m):
+            value = 0.0
+            for k in range(max(a, b), m):
+                value += inverse[k, a] * inverse[k, b]
+            total += value * value
+    return total < limit * limit
+
+
+@njit(types.boolean(OUT_ROWS, OUT, types.float64, OUT_ROWS), cache=True, error_model="numpy", fastmath=SUMS)
+def _solve_regular(rows: Array, residual: Array, threshold: float, basis: Array) -> bool:
+    """Try a level whose singular values are all above the threshold: Gram and Schmidt, then forward substitution.
+
+    Writes an orthonormal basis (m, nv) of the ``rows`` (m, nv) and, in place of ``residual`` (m,), the step's
+    coordinates in it. False, with ``residual`` as it was, where it is not certain that all are above.
+    """
+    m, nv = rows.shape
+    low = np.zeros((m, m))
+    for i in range(m):
+        row = basis[i]
+        for j in range(nv):
+            row[j] = rows[i, j]
+        for k in range(i):
+            other, along = basis[k], 0.0
+            for j in range(nv):
+                along += other[j] * row[j]
+            for j in range(nv):
+                row[j] -= along * other[j]
+            low[i, k] = along
+        squared = 0.0
+        for j in range(nv):
+            squared += row[j] * row[j]
+        low[i, i] = math.sqrt(squared)
+        # no singular value is above the smallest pivot
+        if not low[i, i] > threshold:
+            return False
+        for j in range(nv):
+            row[j] /= low[i, i]
+    if not _certainly_above(low, threshold):
+        return False
+    for i in range(m):
+        for k in range(i):
+            residual[i] -= low[i, k] * residual[k]
+        residual[i] /= low[i, i]
+    return True
+
+
+@njit(types.void(OUT_ROWS, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+def _orthogonalise(rows: Array, residual: Array) -> None:
+    """Turn rows (m, nv) and what they ask for (m,) so that the rows are orthogonal: U^T J and U^T r of an SVD.
+
+    One-sided Jacobi rotations after Hestenes (SIAM J. 6, 1958); small rows come out with all their digits.
+    """
+    m, nv = rows.shape
+    for _ in range(SWEEPS):
+        turned = False
+        for a in range(m - 1):
+            for b in range(a + 1, m):
+                p, q = rows[a], rows[b]
+                pp, qq, pq = 0.0, 0.0, 0.0
+                for j in range(nv):
+                    pp += p[j] * p[j]
+                    qq += q[j] * q[j]
+                    pq += p[j] * q[j]
+                if not abs(pq) > ORTHOGONAL * math.sqrt(pp) * math.sqrt(qq):
+                    continue
+                turned = True
+                half = (qq - pp) / (2.0 * pq)
+                tangent = math.copysign(1.0, half) / (abs(half) + math.hypot(1.0, half))
+                cosine = 1.0 / math.hypot(1.0, tangent)
+                sine = cosine * tangent
+                for j in range(nv):
+                    x, y = p[j], q[j]
+                    p[j], q[j] = cosine * x - sine * y, sine * x + cosine * y
+                x, y = residual[a], residual[b]
+                residual[a], residual[b] = cosine * x - sine * y, sine * x + cosine * y
+        if not turned:
+            return
+
+
+@njit(
+    types.int64(OUT_ROWS, OUT, types.float64, OUT_ROWS, OUT, types.int64, OUT),
+    cache=True,
+    error_model="numpy",
+    fastmath=SUMS,
+)
+def _solve_damped(
+    rows: Array, residual: Array, threshold: float, directions: Array, shares: Array, count: int, step: Array
+) -> int:
+    """A level any of whose singular values may be small: adds to ``step`` (nv,), and the directions that it uses.
+
+    ``rows`` (m, nv) and ``residual`` (m,) are overwritten. Returns how many directions there are then.
+    """
+    _orthogonalise(rows, residual)
+    for i in range(rows.shape[0]):
+        row, squared = rows[i], 0.0
+        for j in range(row.size):
+            squared += row[j] * row[j]
+        # g(sigma) r v with v = row / sigma: nothing is divided by sigma
+        along = residual[i] / max(squared, threshold * threshold)
+        for j in range(row.size):
+            step[j] += along * row[j]
+        share = min(1.0, squared / (threshold * threshold))
+        if share > UNUSED:
+            sigma = math.sqrt(squared)
+            for j in range(row.size):
+                directions[count, j] = row[j] / sigma
+            shares[count] = share
+            count += 1
+    return count
+
+
+@njit(types.boolean(OUT_ROWS, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+def solve_definite(matrix: Array, x: Array) -> bool:
+    """Solve A x = b in place of b (n,), by Cholesky in place of A (n, n); False where it is not definite."""
+    n = x.size
+    for i in range(n):
+        row = matrix[i]
+        for j in range(i + 1):
+            other, total = matrix[j], row[j]
+            for k in range(j):
+                total -= row[k] * other[k]
+            if j < i:
+                row[j] = total / other[j]
+            elif total > 0.0:
+                row[i] = math.sqrt(total)
+            else:
+                return False
+        total = x[i]
+        for k in range(i):
+            total -= row[k] * x[k]
+        x[i] = total / row[i]
+    for i in range(n - 1, -1, -1):
+        x[i] /= matrix[i, i]
+        for k in range(i):
+            x[k] -= matrix[i, k] * x[i]
+    return True
+
+
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy")
+def _add_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
+    """The posture's step where no direction is damped.
+
+    Its normal equations (S N)^T S N + rho with N = I - Q^T Q are solved through the base's few columns B of Q:
+    x = N (S^T r + b) / (1 + rho), (B^T B + rho) b = base of N S^T r.
+    """
+    nv = velocity.size
+    base = nv - residual.size
+    step, push = np.zeros(nv), np.zeros(nv)
+    step[base:] = residual
+    _project(directions, shares, count, step)
+    used = np.zeros((base, base))
+    for d in range(count):
+        for i in range(base):
+            for j in range(base):
+                used[i, j] += directions[d, i] * directions[d, j]
+    for i in range(base):
+        used[i, i] += RIDGE
+        push[i] = step[i]
+    if solve_definite(used, push[:base]):
+        _project(directions, shares, count, push)
+        for j in range(nv):
+            step[j] += push[j]
+    for j in range(nv):
+        velocity[j] += step[j] / (1.0 + RIDGE)
+
+
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+def _add_damped_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
+    """The posture's step where some directions are damped: the normal equations of this module's last formula."""
+    nv, nj = velocity.size, residual.size
+    rows, wanted = np.zeros((nj + count, nv)), np.zeros(nj + count)
+    wanted[:nj] = residual
+    for i in range(nj):
+        rows[i, nv - nj + i] = 1.0
+        _project(directions, shares, count, rows[i])
+    for d in range(count):
+        for j in range(nv):
+            rows[nj + d, j] = shares[d] * directions[d, j]
+    normal, step = np.dot(rows.T, rows), np.dot(rows.T, wanted)
+    for i in range(nv):
+        normal[i, i] += RIDGE
+    if solve_definite(normal, step):
+        # what rounding left along directions that are used as a whole
+        for d in range(count - 1, -1, -1):
+            along = 0.0
+            for j in range(nv):
+                along += directions[d, j] * step[j]
+            for j in range(nv):
+                step[j] -= shares[d] * along * directions[d, j]
+        for j in range(nv):
+            velocity[j] += step[j]
+
+
+@njit(
+    types.int64(MATRIX, VECTOR, types.float64, OUT_ROWS, OUT, types.int64, OUT),
+    cache=True,
+    error_model="numpy",
+    fastmath=SUMS,
+)
+def _add_level(
+    jacobian: Array, command: Array, threshold: float, directions: Array, shares: Array, count: int, velocity: Array
+) -> int:
+    """Add one level's step to ``velocity`` (nv,), and the directions that it uses; returns how many there are then."""
+    size, nv = jacobian.shape
+    rows, residual, step = np.empty((size, nv)), np.empty(size), np.zeros(nv)
+    for i in range(size):
+        source, row, moved = jacobian[i], rows[i], 0.0
+        for j in range(nv):
+            row[j] = source[j]
+            moved += source[j] * velocity[j]
+        residual[i] = command[i] - moved
+        _project(directions, shares, count, row)
+    used = count
+    if _solve_regular(rows, residual, threshold, directions[count : count + size]):
+        for i in range(size):
+            shares[count + i] = 1.0
+            row = directions[count + i]
+            for j in range(nv):
+                step[j] += residual[i] * row[j]
+        used += size
+    else:
+        used = _solve_damped(rows, residual, threshold, directions, shares, count, step)
+    _move(directions, shares, count, step)
+    for j in range(nv):
+        velocity[j] += step[j]
+    return used
+
+
+@njit(types.float64[::1](MATRIX, VECTOR, SIZES, VECTOR, VECTOR), cache=True, error_model="numpy", fastmath=SUMS)
+def solve_levels(jacobian: Array, command: Array, sizes: Indices, thresholds: Array, posture: Array) -> Array:
+    """Velocity (nv,), new, of stacked levels: see this module.
+
+    Args:
+        jacobian: shape (m, nv) rows of all levels, highest priority first.
+        command: shape (m,) commanded velocities.
+        sizes: shape (l,) rows of each level.
+        thresholds: shape (l,) singular values below are damped, above 0.
+        posture: shape (nj,) commanded velocities of the last nj entries; none: there is no posture.
+    """
+    m, nv = jacobian.shape
+    velocity, directions, shares = np.zeros(nv), np.empty((m, nv)), np.empty(m)
+    count, start = 0, 0
+    for level in range(sizes.size):
+        rows = slice(start, start + sizes[level])
+        count = _add_level(jacobian[rows], command[rows], thresholds[level], directions, shares, count, velocity)
+        start += sizes[level]
+    if posture.size:
+        left, damped = posture - velocity[nv - posture.size :], False
+        for d in range(count):
+            damped |= shares[d] < 1.0
+        if damped:
+            _add_damped_posture(directions, shares, count, left, velocity)
+        else:
+            _add_posture(directions, shares, count, left, velocity)
+    return velocity

@@ -1,0 +1,93 @@
+"""Tasks of several priority levels in one block of rows, evaluated together."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
+from robots.messages import Array, Indices
+from wbc.task_kernels import evaluate_frames
+from wbc.tasks import FrameTask, Task
+
+Level = tuple[Array, Array]
+"""Jacobian (m, nv) and commanded velocity (m,) of one priority level."""
+
+
+class TaskBlock:
+    """Rows of all tasks, level after level, in arrays that are made once.
+
+    Tasks about frames keep their references here and are evaluated in one compiled pass, others by
+    :meth:`wbc.tasks.Task.evaluate`.
+
+    Attributes:
+        jacobian: shape (m, nv), overwritten by each evaluation, like ``command``.
+        command: shape (m,).
+        levels: the rows of each level, as views.
+        sizes: shape (l,) how many rows each has.
+    """
+
+    def __init__(self, nv: int, levels: Sequence[Sequence[Task]]) -> None:
+        """Lay out the rows of the tasks of each level; ``nv``: size of the velocity.
+
+        Raises:
+            ConfigError: a task stands in more than one place.
+        """
+        tasks = [task for level in levels for task in level]
+        if len({id(task) for task in tasks}) < len(tasks):
+            names = [type(task).__name__ for task in tasks]
+            raise ConfigError("tasks", names, "each in one place of one level")
+        self.sizes = np.array([sum(task.rows for task in level) for level in levels], dtype=np.int64)
+        total = int(self.sizes.sum())
+        self.jacobian, self.command = np.zeros((total, nv)), np.zeros(total)
+        ends = np.cumsum(self.sizes)
+        self.levels: list[Level] = [
+            (self.jacobian[end - size : end], self.command[end - size : end])
+            for end, size in zip(ends, self.sizes, strict=True)
+        ]
+        self._starts = np.cumsum([0] + [task.rows for task in tasks])[:-1]
+        self._tasks = tasks
+        self._others = [
+            (self.jacobian[start : start + task.rows], self.command[start : start + task.rows], task)
+            for start, task in zip(self._starts, tasks, strict=True)
+            if not isinstance(task, FrameTask)
+        ]
+        self._frames = [task for task in tasks if isinstance(task, FrameTask)]
+        self._references, self._drift = np.zeros((len(self._frames), 24)), np.zeros((len(self._frames), 6))
+        self._corrections = np.zeros((len(self._frames), 3))
+        self._gains = np.array([task.gain_row() for task in self._frames]).reshape(-1, 6)
+        for row, frame in zip(self._references, self._frames, strict=True):
+            row[:] = frame.references
+            frame.references = row
+        self._table: Indices = np.zeros((0, 4), dtype=np.int64)
+
+    def evaluate(self, kin: Kinematics) -> list[Level]:
+        """The levels at the current kinematics; views that the next call overwrites."""
+        if len(self._table) < len(self._frames):
+            self._table = self._make_table(kin)
+        for i, frame in enumerate(self._frames):
+            if frame.without_drift:
+                self._drift[i] = frame.drift(kin)
+        evaluate_frames(
+            self._table,
+            self._gains,
+            self._references,
+            self._drift,
+            kin.frame_transforms,
+            kin.world_jacobian,
+            kin.support,
+            self._corrections,
+            self.jacobian,
+            self.command,
+        )
+        for jacobian, command, task in self._others:
+            jacobian[:], command[:] = task.evaluate(kin)
+        return self.levels
+
+    def _make_table(self, kin: Kinematics) -> Indices:
+        placed = [(s, t) for s, t in zip(self._starts, self._tasks, strict=True) if isinstance(t, FrameTask)]
+        return np.array([(s, t.frame_id, kin.frame_joint(t.frame_id), t.kind) for s, t in placed], dtype=np.int64)
+
+    def reset(self) -> None:
+        """Forget the last evaluation: the next corrections start from zero where their change is bounded."""
+        self._corrections[:] = 0.0

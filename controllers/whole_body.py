@@ -3,7 +3,7 @@
 import math
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,7 +14,7 @@ from controllers.load import LoadEstimator
 from controllers.reference import WholeBodyReference
 from controllers.task_stack import TaskStack
 from controllers.torque_modes import gravity_torque
-from controllers.warm_up import AWAY, situations
+from controllers.warm_up import situations
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -137,12 +137,7 @@ class WholeBodyController:
         twin = self._make_twin()
         for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, self._kinds):
             twin.tick(state, reference, obstacles)
-        # the filter makes its parameters for the rows' families when it first sees them: with nothing near, it does
-        # nothing else that lasts
-        rows = twin.barriers.evaluate(twin.kin)
-        still, n = np.zeros_like(rows.jac), rows.h.size
-        nothing_near = replace(rows, h=np.full(n, AWAY), jac=still, drift=np.zeros(n))
-        self.filter.apply(nothing_near, np.zeros(self.kin.nv))
+        self.filter.prepare(twin.barriers.evaluate(twin.kin).family)
 
     def reset(self, state: RobotState) -> None:
         """Start from a state at rest: the torques measured there are the first tau_prev."""

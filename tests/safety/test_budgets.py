@@ -86,7 +86,7 @@ def test_more_steps_never_cost_slack(name: str, monkeypatch: pytest.MonkeyPatch)
         slack = []
         for steps in range(least_slack.DIRECT):
             kept = make(name)
-            kept._prepare(rows_for(A, b).family)
+            kept.prepare(rows_for(A, b).family)
             kept._resolution._soft._search._steps = steps  # type: ignore[attr-defined]
             result = kept.apply(rows_for(A, b), v_des)
             slack.append(float(np.sum(np.maximum(0.0, b - A @ result.v) ** 2)))

@@ -5,6 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 
 import numpy as np
 
@@ -193,7 +194,7 @@ class WholeBodyController:
             safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
         marks.append(self._clock())
         command = self._command(state, safety.v, self._feed_forward(dynamic, reference.in_contact))
-        return TickResult(command, v_des, safety, dynamic, np.diff(marks))
+        return TickResult(command, v_des, safety, dynamic, np.array([b - a for a, b in pairwise(marks)]))
 
     def _dynamic_problem(
         self, state: RobotState, reference: WholeBodyReference, rows: BarrierRows, v_safe: Array

@@ -146,6 +146,7 @@ class KinWbc:
         self.levels = tuple(tuple(level) for level in levels if level)
         self.sigma_min = sigma_min
         self._block = TaskBlock(nv, self.levels)
+        self._starts = [0, *np.cumsum(self._block.sizes).tolist()]
         self._thresholds: Array | None = None
         if damped_below is not None:
             if len(damped_below) != len(self.levels):
@@ -162,8 +163,7 @@ class KinWbc:
 
     def rows(self, first: int, last: int) -> Array:
         """Jacobian (m, nv) of the levels from ``first`` to before ``last`` as evaluated last, a view."""
-        start, stop = int(self._block.sizes[:first].sum()), int(self._block.sizes[:last].sum())
-        return self._block.jacobian[start:stop]
+        return self._block.jacobian[self._starts[first] : self._starts[last]]
 
     def reset(self) -> None:
         """Forget the last evaluation, see :attr:`wbc.tasks.TaskGains.max_change`."""

@@ -44,6 +44,8 @@ class FilterOptions:
     epsilon: float | None = None
     """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
     families are set in the description's [tuning.safety] [m s/rad^2]."""
+    tuning: Path | None = None
+    """File of parameters for any of the families, as `safewbc tune` writes it; --alpha and --epsilon come before it."""
 
 
 @dataclass(frozen=True)

@@ -11,6 +11,7 @@ from controllers.config import ControllerConfig, controller_config
 from controllers.motions import CenterOfMassShift, Motion
 from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
+from controllers.tuning_file import read_tuning
 from controllers.whole_body import WholeBodyController
 from experiments.loop import ClosedLoop
 from experiments.metrics import convex_polygon, guarantee_figures, summarise, versions
@@ -67,9 +68,11 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     """Changes to a robot's controller configuration that the filter's options ask for.
 
     Raises:
-        ConfigError: alpha or epsilon is not positive and finite.
+        ConfigError: alpha or epsilon is not positive and finite, or the file of parameters is not as it should be.
     """
     safety = controller_config(robot).safety
+    if options.tuning is not None:
+        safety = read_tuning(options.tuning, robot.name).applied(safety)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
     return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}

@@ -29,7 +29,9 @@ def drawn(seed: int) -> tuple[Array, Array]:
     """Squared gradients, and a disturbance that pushes in on the whole and changes at all rates."""
     rng = np.random.default_rng(seed)
     squared = rng.uniform(0.02, 0.3) * (1.0 + 0.5 * np.sin(np.arange(STEPS) * rng.uniform(0.0, 0.1)))
-    push = rng.uniform(0.0, 0.3) + 0.1 * np.cumsum(rng.normal(size=STEPS)) / np.sqrt(STEPS) + 0.05 * rng.normal(size=STEPS)
+    push = (
+        rng.uniform(0.0, 0.3) + 0.1 * np.cumsum(rng.normal(size=STEPS)) / np.sqrt(STEPS) + 0.05 * rng.normal(size=STEPS)
+    )
     return squared, -push
 
 
@@ -91,7 +93,15 @@ def test_episodes_cover_every_sample_that_binds_and_no_long_gap(binding: list[bo
 
 @pytest.mark.parametrize(
     "change",
-    [{"alpha": 0.0}, {"alpha": math.nan}, {"alpha": 600.0}, {"dt": 0.0}, {"margin": -1.0}, {"start": -0.1}, {"start": math.inf}],
+    [
+        {"alpha": 0.0},
+        {"alpha": math.nan},
+        {"alpha": 600.0},
+        {"dt": 0.0},
+        {"margin": -1.0},
+        {"start": -0.1},
+        {"start": math.inf},
+    ],
 )
 def test_values_that_are_not_allowed_are_refused(change: dict[str, float]) -> None:
     values = {"alpha": 5.0, "dt": DT, "margin": 0.0, "start": 0.0} | change

@@ -1,5 +1,6 @@
 """The largest epsilon for a known disturbance, against simulation of the scalar system that it is about."""
 
+import itertools
 import math
 
 import numpy as np
@@ -84,7 +85,7 @@ def test_episodes_cover_every_sample_that_binds_and_no_long_gap(binding: list[bo
         assert not covered[part].any()
         covered[part] = True
     assert covered[mask].all()
-    for one, other in zip(found, found[1:], strict=False):
+    for one, other in itertools.pairwise(found):
         assert other.start - one.stop > gap
     # within one no run of samples that do not bind is longer than the gap
     for part in found:

@@ -46,6 +46,8 @@ class FilterOptions:
     families are set in the description's [tuning.safety] [m s/rad^2]."""
     tuning: Path | None = None
     """File of parameters for any of the families, as `safewbc tune` writes it; --alpha and --epsilon come before it."""
+    adaptive: bool = False
+    """Only with issf: make epsilon of a row smaller while a disturbance is seen to push it in (docs/safety.md)."""
 
 
 @dataclass(frozen=True)

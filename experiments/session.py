@@ -75,7 +75,11 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
         safety = read_tuning(options.tuning, robot.name).applied(safety)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
-    return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
+    return {
+        "filter": options.filter,
+        "adaptive": options.adaptive,
+        "safety": dataclasses.replace(safety, self_collision=pairs),
+    }
 
 
 def control_config(robot: RobotDescription, options: RunOptions, scenario: Scenario | None = None) -> ControllerConfig:

@@ -128,19 +128,19 @@ class TuneOptions:
 class RobustnessOptions:
     """Random runs with the hands and feet in conflict: how often a true barrier falls below zero, and the hands' error.
 
-    Targets in the torso, circles through it, hands that change places, side steps and walks, other ones than those that
-    the parameters were tuned with. Of each seed everything is drawn: mass x0.8 to 1.3, friction of the joints x0 to 2,
-    delay 0 to 4 ms, 0 to 1 kg in each hand.
+    Targets in the torso, circles through it, hands that change places, a sphere that passes them, side steps and walks,
+    other ones than those that the parameters were tuned with. Of each seed everything is drawn: mass x0.8 to 1.3 (of
+    robots that walk 0.85 to 1.25), friction of the joints x0 to 2, delay 0 to 4 ms, 0 to 1 kg in each hand.
     """
 
     robots: tuple[str, ...] = ("g1", "tocabi")
     """Robots: g1, tocabi, or paths of .toml descriptions."""
     parameters: tuple[str, ...] = ("before", "own")
     """Sets of parameters to compare: own (the robot's), before (alpha 5 and epsilon 2 and the other guesses that came
-    before tuning, g1 and tocabi only), adaptive (the robot's own, epsilon adapted while running), or paths of files as
+    before tuning, g1 and tocabi only), adaptive (those of before, epsilon adapted while running), or paths of files as
     `safewbc tune` writes them."""
-    scenarios: tuple[str, ...] = ("target", "circles", "cross", "steps")
-    """What happens: target, circles, cross, steps."""
+    scenarios: tuple[str, ...] = ("target", "circles", "cross", "obstacle", "steps")
+    """What happens: target, circles, cross, obstacle, steps."""
     seeds: int = 20
     """How many, from --first-seed on [-]."""
     first_seed: int = 0

@@ -38,8 +38,8 @@ CAUTION = 0.9
 OVERSHOOT = 0.25
 """Largest alpha times the motors' time constant and delay.
 
-A velocity followed with time constant T makes the condition :math:`T \\ddot h + \\dot h + \\alpha h = 0`, which does not
-overshoot h = 0 for :math:`\\alpha T \\le 1/4`."""
+A velocity followed with time constant T makes the condition :math:`T \\ddot h + \\dot h + \\alpha h = 0`: h does not
+overshoot 0 for :math:`\\alpha T \\le 1/4`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -261,7 +261,8 @@ class Tuner:
             return choice
         own = [s for s in seen if family in s.run.families]
         if fallen := [s for s in own if s.ended]:
-            note = f"kept: {fallen[0].run.name} {fallen[0].ended} with alpha {choice.alpha:.3g}, epsilon {choice.epsilon:.3g}"
+            tried = f"alpha {choice.alpha:.3g}, epsilon {choice.epsilon:.3g}"
+            note = f"kept: {fallen[0].run.name} {fallen[0].ended} with {tried}"
             return replace(before, settled=True, note=note)
         bound = [(m, s.run.name) for s in own for m in s.measured if m.family == family and m.binding]
         if not bound:

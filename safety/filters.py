@@ -140,6 +140,7 @@ class SafetyFilter:
         *,
         age: float = 0.0,
         velocity: Array | None = None,
+        epsilon: Array | None = None,
     ) -> FilterResult:
         """Filter one input.
 
@@ -151,6 +152,8 @@ class SafetyFilter:
             hands: shape (m, nv) Jacobians of the hands' tasks, or ``None``.
             age: of the oldest of these inputs [s].
             velocity: shape (nv,) measured velocity, for order 2.
+            epsilon: shape (n,) ISSf parameter of each row in this tick, above 0 (see
+                :class:`safety.adaptation.EpsilonAdapter`); ``None``: that of its family.
 
         Returns:
             The result; its arrays are new, the input is not changed. Never raises on bad numbers: a value that is not
@@ -160,18 +163,25 @@ class SafetyFilter:
         jacobians = (("feet", feet), ("balance", balance), ("hands", hands))
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
-            cause = self._objection(rows, v_des, age, velocity, jacobians)
+            cause = self._objection(rows, v_des, age, velocity, jacobians) or self._objection_to_epsilon(epsilon)
             if not cause and self.kind.condition is None:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := cause or self._prepare(rows.family):
                 return FilterResult(self._stop(velocity), FilterStatus.FAILED, float("inf"), -1, 0, cause=cause)
-            return self._filter(rows, v_des, (feet, balance, hands), velocity)
+            own = self._row_parameters
+            parameters = own if epsilon is None else replace(own, epsilon=epsilon)
+            return self._filter(rows, v_des, (feet, balance, hands), velocity, parameters)
 
     def _filter(
-        self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
+        self,
+        rows: BarrierRows,
+        v_des: Array,
+        jacobians: tuple[Array | None, ...],
+        velocity: Array | None,
+        parameters: RowParameters,
     ) -> FilterResult:
         """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
-        spaces = self._spaces(rows, velocity)
+        spaces = self._spaces(rows, velocity, parameters)
         if not all_finite(spaces.b):
             return self._failure("conditions are not finite", velocity, spaces)
         lower, upper = -self._limit, self._limit
@@ -217,6 +227,13 @@ class SafetyFilter:
             return "curvature of the barrier rows is missing or not finite"
         return ""
 
+    def _objection_to_epsilon(self, epsilon: Array | None) -> str:
+        if epsilon is None:
+            return ""
+        if epsilon.shape != (self._n_rows,):
+            return f"epsilon has shape {epsilon.shape}, expected {(self._n_rows,)}"
+        return "" if all_finite(epsilon) and (epsilon > 0).all() else "epsilon is not finite and above 0 throughout"
+
     def _prepare(self, family: Indices) -> str:
         """Parameters of each row, made once as long as the rows are of the same families; why not, in words."""
         # a fraction of the time of numpy's comparison
@@ -240,9 +257,8 @@ class SafetyFilter:
         }
         return makers[self.kind.resolution]()
 
-    def _spaces(self, rows: BarrierRows, velocity: Array | None) -> HalfSpaces:
+    def _spaces(self, rows: BarrierRows, velocity: Array | None, p: RowParameters) -> HalfSpaces:
         """The conditions on the input, those that are not active out of reach of any."""
-        p = self._row_parameters
         if self.order == 2 and velocity is not None:
             rows = (ecbf_rows if self.name == "ecbf" else index_rows)(rows, velocity, p)
             p = self._bare_parameters

@@ -81,7 +81,7 @@ ROBUSTNESS_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """One draw: options of the run but for its filter, and a motion of the hands, where it is not one of the options'."""
+    """One draw: options of the run but for its filter, and the hands' motion where it is not one of the options'."""
 
     options: RunOptions
     hands: Callable[[RobotDescription, WholeBodyReference], Motion] | None = None

@@ -1,4 +1,4 @@
-"""The runs that the safety filter's parameters are tuned with: scenarios, and robots at the edges of what they allow."""
+"""The runs that the safety filter's parameters are tuned with: scenarios, on robots at the edges of what is allowed."""
 
 import dataclasses
 from dataclasses import dataclass

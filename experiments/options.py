@@ -249,8 +249,8 @@ class TableOptions:
     Some minutes on two cores.
     """
 
-    what: tyro.conf.Positional[Literal["results", "safety"]] = "results"
-    """Which page's: docs/results.md or docs/safety.md."""
+    what: tyro.conf.Positional[Literal["results", "safety", "friction"]] = "results"
+    """Which page's: docs/results.md or docs/safety.md; friction: what docs/safety.md says of dry friction."""
     jobs: int = 2
     """Runs at a time [-]."""
     out: Path | None = None

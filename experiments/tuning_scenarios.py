@@ -86,7 +86,7 @@ def torso_targets(robot: RobotDescription) -> list[tuple[float, float, float]]:
 
 
 def tuning_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningRun]:
-    """All runs of a round. Which of them the robot cannot do (its description lacks what they need) is for the caller."""
+    """All runs of a round; also those that the robot's description lacks something for."""
     runs = []
     for name, plant in corner_plants(robot, options).items():
         hands = HandTrackingOptions(robot=options.robot, plant=plant)

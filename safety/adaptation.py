@@ -6,18 +6,18 @@ What the robot did beyond what it was told last, :math:`\hat d = v_k - v^{safe}_
 .. math:: \varepsilon_i = \frac{\|J_i\|^2}{\|J_i\|^2/\varepsilon_{max} + p_i},
     \quad\text{at least } \varepsilon_{min}
 
-so that the term of eq. (32) of Lee et al. becomes :math:`\|J_i\|^2/\varepsilon_{max} + p_i`: what it always was, and the
-push besides.
+so that the term of eq. (32) of Lee et al. becomes :math:`\|J_i\|^2/\varepsilon_{max} + p_i`: what it always was, and
+the push besides.
 
 Promised: :math:`\varepsilon_{min} \le \varepsilon_i \le \varepsilon_{max}` whatever is measured, so that the bound of
-eq. (8) holds with :math:`\varepsilon_{max}`, as it would without adaptation; and where the push is what the filter says and
+eq. (8) holds with :math:`\varepsilon_{max}`, as it would without adaptation; and where the push is as estimated and
 epsilon is not at its lower end, h sinks no lower than with no disturbance. Not promised: anything about a push that
 changes within T, or one that the lower end cuts off.
 
-A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a push. From
-the term to what is seen of it the gain is at most :math:`T_m/(T_m + T)`, below 1 for every T above 0: it raises the estimate
-by at most :math:`1 + T_m/T`, and cannot run away. A joint that dry friction holds still follows not at all, and the term
-grows until it moves or epsilon is at its lower end.
+A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a push.
+From the term to what is seen of it the gain is at most :math:`T_m/(T_m + T)`, below 1 for every T above 0: it raises the
+estimate by at most :math:`1 + T_m/T`, and cannot run away. A joint that dry friction holds still follows not at all, and
+the term grows until it moves or epsilon is at its lower end.
 """
 
 from dataclasses import dataclass

@@ -14,10 +14,10 @@ eq. (8) holds with :math:`\varepsilon_{max}`, as it would without adaptation; an
 epsilon is not at its lower end, h sinks no lower than with no disturbance. Not promised: anything about a push that
 changes within T, or one that the lower end cuts off.
 
-A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a push.
-From the term to what is seen of it the gain is at most :math:`T_m/(T_m + T)`, below 1 for every T above 0: it raises the
-estimate by at most :math:`1 + T_m/T`, and cannot run away. A joint that dry friction holds still follows not at all, and
-the term grows until it moves or epsilon is at its lower end.
+A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a
+push. From the term to what is seen of it the gain is at most :math:`T_m/(T_m + T)`, below 1 for every T above 0: it
+raises the estimate by at most :math:`1 + T_m/T`, and cannot run away. A joint that dry friction holds still does not
+follow, and the term grows until it moves or epsilon is at its lower end.
 """
 
 from dataclasses import dataclass

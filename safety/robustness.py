@@ -6,8 +6,8 @@ Along one row the condition, held for a control period dt, leaves
 
 with equality where it binds; :math:`e_k` is what the robot does beyond what was asked of it along this row, in the
 mean over the period: the row of :math:`\dot q = \dot q^{safe} + d`, :math:`J d`, and what is left of holding the
-velocity. The bound of eq. (8) of Lee et al. replaces it by the size of all of d; most of d does not touch a row, so that
-bound is loose by an order of magnitude (see :class:`safety.guarantee.RowBound`). Here e_k is taken as it was measured.
+velocity. The bound of eq. (8) of Lee et al. replaces it by the size of all of d; most of d does not touch a row, so
+that bound is loose by an order of magnitude (see :class:`safety.guarantee.RowBound`). Here e_k is taken as measured.
 
 The recursion is linear in 1/epsilon. With :math:`h_0` at the beginning and a for :math:`1 - \alpha\,dt`
 

@@ -1,6 +1,7 @@
 """Tuning: what is measured of a run, and what is made of it, on systems whose answer is known."""
 
 import dataclasses
+import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -11,11 +12,13 @@ import pytest
 
 from controllers.tuning_file import read_tuning
 from experiments import tune as tuning
+from experiments import tuner as rounds_of_runs
 from experiments.options import HandTrackingOptions, PlantOptions
 from experiments.results import GUARANTEED
 from experiments.session import plant_config
 from experiments.study_options import TuneOptions
-from experiments.tune import Choice, Seen, Tuner, check_tune, possible_runs, slopes, start_choices
+from experiments.tune import check_tune, possible_runs, slopes, start_choices
+from experiments.tuner import GROWTH, Choice, Seen, Tuner
 from experiments.tuning_measure import Measured, family_epsilon, weighed_push
 from experiments.tuning_scenarios import TuningRun, corner_plants, payload, torso_targets
 from robots.errors import ConfigError
@@ -92,10 +95,12 @@ def tuner(
             fell = "leg_collision" in task.run.families and falls(legs["alpha"], legs["epsilon"])
             yield Seen(task.run, "fell" if fell else "", tuple(measured))
 
-    monkeypatch.setattr(tuning, "in_parallel", runs)
+    monkeypatch.setattr(rounds_of_runs, "in_parallel", runs)
     chosen_options = TuneOptions(**options)
     before = start_choices(robot, chosen_options)
-    return Tuner(robot, chosen_options, folder, tuning.make_console()).run(before), rounds
+    possible, alphas = possible_runs(robot, chosen_options), slopes(robot, chosen_options)
+    made = Tuner(robot.name, possible, alphas, chosen_options, folder, tuning.make_console())
+    return made.run(before), rounds
 
 
 def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
@@ -119,7 +124,7 @@ def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
     # nothing leaps beyond where it was measured
     for family in GUARANTEED:
         values = [r[family]["epsilon"] for r in rounds if r[family]["alpha"] == 8.0]
-        assert max(b / a for a, b in zip(values, values[1:], strict=False)) <= tuning.GROWTH + 1e-9
+        assert max(b / a for a, b in itertools.pairwise(values)) <= GROWTH + 1e-9
 
 
 def test_a_slope_whose_overshoot_costs_more_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

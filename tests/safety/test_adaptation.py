@@ -1,4 +1,4 @@
-"""Epsilon that follows the disturbance: its bounds whatever is measured, its value under a steady push, its stability."""
+"""Epsilon that follows the disturbance: its bounds whatever is measured, its value under a steady push, stability."""
 
 import math
 from typing import Any

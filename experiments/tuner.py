@@ -1,0 +1,191 @@
+"""Rounds of runs that lead from one set of filter parameters to the next."""
+
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+
+from controllers.tuning_file import Tuning, write_tuning
+from experiments.registry import experiment_of
+from experiments.results import GUARANTEED
+from experiments.study_options import TuneOptions
+from experiments.study_pool import in_parallel
+from experiments.tuning_measure import Measured, measure
+from experiments.tuning_scenarios import TuningRun
+
+LEAST, MOST = 0.05, 20.0
+"""Range of epsilon: below, the room kept at rest is more than arms have; above, the ISSf term is as good as none."""
+
+GROWTH = 2.0
+"""Largest factor by which epsilon grows from one round to the next: what was measured was measured near the old one."""
+
+CAUTION = 0.9
+"""Where a margin was missed, epsilon sinks at least by this factor."""
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """Parameters of one family.
+
+    Attributes:
+        alpha: [1/s].
+        epsilon: ISSf parameter.
+        settled: whether a round of runs with it has kept the margin, or nothing more is to be tried.
+        note: what the last round said of it, in words.
+        least: smallest barrier of that round [m or rad]; NaN before one.
+        push: largest push of that round [m/s or rad/s].
+        squared: median squared gradient of the rows that bound.
+        where: run of the smallest barrier.
+    """
+
+    alpha: float
+    epsilon: float
+    settled: bool = False
+    note: str = "not met"
+    least: float = math.nan
+    push: float = math.nan
+    squared: float = math.nan
+    where: str = ""
+
+    @property
+    def room(self) -> float:
+        """Barrier kept at rest, of the median row that bound [m or rad]; NaN where none did."""
+        return self.squared / (self.alpha * self.epsilon)
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What one run left for the choice: how it ended, and what it measured."""
+
+    run: TuningRun
+    ended: str
+    measured: tuple[Measured, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TuningTask:
+    """One run as a task."""
+
+    run: TuningRun
+    file: Path
+    margins: dict[str, float]
+
+    def __call__(self) -> Seen:
+        """Run and measure."""
+        options = self.run.with_parameters(self.file)
+        result = experiment_of(options).run(options)
+        summary = result.summary
+        ended = "fell" if summary["fell"] else ("was stopped" if summary["stop_cause"] else "")
+        return Seen(self.run, ended, tuple(measure(result, self.run.families, self.margins)))
+
+
+class Tuner:
+    """Rounds of runs, each with the parameters that the last one proposed.
+
+    Args:
+        robot: its name.
+        runs: to choose from in each round.
+        slopes: the alphas to try.
+        options: checked.
+        folder: the parameters of each round are kept there.
+        console: for the progress.
+    """
+
+    def __init__(
+        self,
+        robot: str,
+        runs: Sequence[TuningRun],
+        slopes: Sequence[float],
+        options: TuneOptions,
+        folder: Path,
+        console: Console,
+    ) -> None:
+        self._robot, self._runs, self._slopes = robot, runs, slopes
+        self._options, self._folder, self._console = options, folder, console
+        self._margins = {f: options.margin_angle if f == "joint_limit" else options.margin for f in GUARANTEED}
+        self._rounds = 0
+
+    def run(self, before: dict[str, Choice]) -> dict[str, Choice]:
+        """The parameters of every family."""
+        tuned = self._options.only or GUARANTEED
+        chosen = {f: c if f in tuned else replace(c, settled=True, note="left as it was") for f, c in before.items()}
+        chosen = self._first(chosen, before)
+        for _ in range(self._options.rounds - 1):
+            if all(c.settled for c in chosen.values()):
+                break
+            seen = self._round(chosen)
+            chosen = {f: self._judge(f, c, before[f], seen) for f, c in chosen.items()}
+        return chosen
+
+    def _first(self, chosen: dict[str, Choice], before: dict[str, Choice]) -> dict[str, Choice]:
+        """A round for every slope: of each family that one which keeps the least room at rest."""
+        tried: list[dict[str, Choice]] = []
+        for alpha in self._slopes:
+            # at rest the room of before
+            start = {
+                f: c if c.settled else replace(c, alpha=alpha, epsilon=min(MOST, c.epsilon * c.alpha / alpha))
+                for f, c in chosen.items()
+            }
+            seen = self._round(start)
+            tried.append({f: self._propose(f, c, before[f], seen) for f, c in start.items()})
+        return {f: c if c.settled else self._best(before[f], [t[f] for t in tried]) for f, c in chosen.items()}
+
+    def _best(self, before: Choice, tried: Sequence[Choice]) -> Choice:
+        met = [c for c in tried if not math.isnan(c.squared) and not c.settled]
+        if met:
+            return min(met, key=lambda c: (c.room, c.alpha))
+        # no row came to its limit, or every slope made a robot fall: nothing is known that could be better
+        notes = [c.note for c in tried if c.settled]
+        return replace(before, settled=True, note=notes[0] if notes else before.note)
+
+    def _propose(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
+        """What the runs with these parameters allow; settled where they must not be taken."""
+        judged = self._judge(family, choice, before, seen)
+        if math.isnan(judged.squared) or judged.note.startswith("kept"):
+            return judged
+        allowed = self._allowed(family, seen)
+        return replace(
+            judged, settled=False, epsilon=float(np.clip(allowed, LEAST, min(MOST, GROWTH * choice.epsilon)))
+        )
+
+    def _allowed(self, family: str, seen: Iterable[Seen]) -> float:
+        return min((m.epsilon for s in seen for m in s.measured if m.family == family), default=math.inf)
+
+    def _judge(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
+        """The choice after a round of runs with it."""
+        if choice.settled:
+            return choice
+        own = [s for s in seen if family in s.run.families]
+        if fallen := [s for s in own if s.ended]:
+            tried = f"alpha {choice.alpha:.3g}, epsilon {choice.epsilon:.3g}"
+            note = f"kept: {fallen[0].run.name} {fallen[0].ended} with {tried}"
+            return replace(before, settled=True, note=note)
+        bound = [(m, s.run.name) for s in own for m in s.measured if m.family == family and m.binding]
+        if not bound:
+            return replace(choice, note="not met")
+        worst, where = min(bound, key=lambda pair: pair[0].least)
+        known = replace(
+            choice,
+            least=worst.least,
+            where=where,
+            push=max(m.push for m, _ in bound),
+            squared=float(np.median([m.squared for m, _ in bound])),
+        )
+        if worst.least >= self._margins[family]:
+            return replace(known, settled=True, note="keeps its margin")
+        lower = min(self._allowed(family, own), CAUTION * choice.epsilon)
+        return replace(known, epsilon=max(LEAST, lower), note="margin missed")
+
+    def _round(self, chosen: dict[str, Choice]) -> list[Seen]:
+        """All runs that measure a family which is not settled."""
+        self._rounds += 1
+        file = self._folder / f"round-{self._rounds}.toml"
+        tables = {f: {"alpha": c.alpha, "epsilon": c.epsilon} for f, c in chosen.items()}
+        write_tuning(file, Tuning(tables, {"robot": self._robot}))
+        open_families = {f for f, c in chosen.items() if not c.settled}
+        tasks = [TuningTask(r, file, self._margins) for r in self._runs if open_families & set(r.families)]
+        self._console.print(f"round {self._rounds}: " + "; ".join(f"{f} {tables[f]}" for f in sorted(open_families)))
+        return list(in_parallel(tasks, self._options.jobs, self._console))

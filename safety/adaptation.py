@@ -39,7 +39,7 @@ class AdaptationTuning:
         least: epsilon_min as a share of the family's epsilon, in (0, 1].
     """
 
-    time: float = 0.1
+    time: float = 0.05
     least: float = 0.05
 
     def __post_init__(self) -> None:

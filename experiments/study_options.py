@@ -111,8 +111,8 @@ class TuneOptions:
     alphas: tuple[float, ...] = (3.0, 5.0, 8.0)
     """Slopes to try; one above what motors can follow without overshoot, a quarter of their bandwidth, is left out
     [1/s]."""
-    rounds: int = 5
-    """Most rounds of runs: the first tries the slopes, each further one makes sure of what was proposed [-]."""
+    rounds: int = 6
+    """Most rounds of runs: the first tries every slope, each further one makes sure of what was proposed [-]."""
     only: tuple[str, ...] = ()
     """Families to tune, the others stay as they are: joint_limit, self_collision, leg_collision, obstacle, workspace;
     all if not given."""

@@ -22,6 +22,9 @@ LEAST, MOST = 0.05, 20.0
 GROWTH = 2.0
 """Largest factor by which epsilon grows from one round to the next: what was measured was measured near the old one."""
 
+WORTH = 1.25
+"""Epsilon is tried larger while the last round would have allowed this many times as much."""
+
 CAUTION = 0.9
 """Where a margin was missed, epsilon sinks at least by this factor."""
 
@@ -39,6 +42,8 @@ class Choice:
         push: largest push of that round [m/s or rad/s].
         squared: median squared gradient of the rows that bound.
         where: run of the smallest barrier.
+        allowed: largest epsilon that the disturbance of that round would have allowed.
+        good: the choice of an earlier round that kept its margin with a smaller epsilon.
     """
 
     alpha: float
@@ -49,6 +54,8 @@ class Choice:
     push: float = math.nan
     squared: float = math.nan
     where: str = ""
+    allowed: float = math.nan
+    good: "Choice | None" = None
 
     @property
     def room(self) -> float:
@@ -80,6 +87,13 @@ class TuningTask:
         summary = result.summary
         ended = "fell" if summary["fell"] else ("was stopped" if summary["stop_cause"] else "")
         return Seen(self.run, ended, tuple(measure(result, self.run.families, self.margins)))
+
+
+def rounded_down(value: float) -> float:
+    """The largest number of two digits that is not above ``value`` > 0: what stands in a file is to be read."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    # 0.29 / 0.01 is a little less than 29
+    return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
 class Tuner:
@@ -118,7 +132,7 @@ class Tuner:
                 break
             seen = self._round(chosen)
             chosen = {f: self._judge(f, c, before[f], seen) for f, c in chosen.items()}
-        return chosen
+        return {f: c if c.settled or c.good is None else c.good for f, c in chosen.items()}
 
     def _first(self, chosen: dict[str, Choice], before: dict[str, Choice]) -> dict[str, Choice]:
         """A round for every slope: of each family that one which keeps the least room at rest."""
@@ -134,9 +148,10 @@ class Tuner:
         return {f: c if c.settled else self._best(before[f], [t[f] for t in tried]) for f, c in chosen.items()}
 
     def _best(self, before: Choice, tried: Sequence[Choice]) -> Choice:
-        met = [c for c in tried if not math.isnan(c.squared) and not c.settled]
+        met = [c for c in tried if not math.isnan(c.allowed) and not c.settled]
         if met:
-            return min(met, key=lambda c: (c.room, c.alpha))
+            # as far as it was allowed to go, not as far as it goes in one round
+            return min(met, key=lambda c: (c.squared / (c.alpha * min(max(c.allowed, LEAST), MOST)), c.alpha))
         # no row came to its limit, or every slope made a robot fall: nothing is known that could be better
         notes = [c.note for c in tried if c.settled]
         return replace(before, settled=True, note=notes[0] if notes else before.note)
@@ -144,15 +159,10 @@ class Tuner:
     def _propose(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
         """What the runs with these parameters allow; settled where they must not be taken."""
         judged = self._judge(family, choice, before, seen)
-        if math.isnan(judged.squared) or judged.note.startswith("kept"):
+        if math.isnan(judged.allowed) or judged.note.startswith("kept"):
             return judged
-        allowed = self._allowed(family, seen)
-        return replace(
-            judged, settled=False, epsilon=float(np.clip(allowed, LEAST, min(MOST, GROWTH * choice.epsilon)))
-        )
-
-    def _allowed(self, family: str, seen: Iterable[Seen]) -> float:
-        return min((m.epsilon for s in seen for m in s.measured if m.family == family), default=math.inf)
+        epsilon = float(np.clip(judged.allowed, LEAST, min(MOST, GROWTH * choice.epsilon)))
+        return replace(judged, settled=False, good=None, epsilon=rounded_down(epsilon))
 
     def _judge(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
         """The choice after a round of runs with it."""
@@ -160,6 +170,8 @@ class Tuner:
             return choice
         own = [s for s in seen if family in s.run.families]
         if fallen := [s for s in own if s.ended]:
+            if choice.good is not None:
+                return choice.good
             tried = f"alpha {choice.alpha:.3g}, epsilon {choice.epsilon:.3g}"
             note = f"kept: {fallen[0].run.name} {fallen[0].ended} with {tried}"
             return replace(before, settled=True, note=note)
@@ -173,11 +185,24 @@ class Tuner:
             where=where,
             push=max(m.push for m, _ in bound),
             squared=float(np.median([m.squared for m, _ in bound])),
+            allowed=min(m.epsilon for m, _ in bound),
         )
-        if worst.least >= self._margins[family]:
-            return replace(known, settled=True, note="keeps its margin")
-        lower = min(self._allowed(family, own), CAUTION * choice.epsilon)
-        return replace(known, epsilon=max(LEAST, lower), note="margin missed")
+        return self._kept(known) if worst.least >= self._margins[family] else self._missed(known)
+
+    def _kept(self, known: Choice) -> Choice:
+        """After a round that kept the margin: done, unless epsilon may be larger by a good deal."""
+        good = replace(known, settled=True, note="keeps its margin", good=None)
+        larger = rounded_down(min(known.allowed, GROWTH * known.epsilon, MOST))
+        if larger < WORTH * known.epsilon:
+            return good
+        return replace(known, epsilon=larger, good=good, note="tried larger")
+
+    def _missed(self, known: Choice) -> Choice:
+        """After a round that missed it: back to what kept it, or further down."""
+        if known.good is not None:
+            return known.good
+        lower = min(known.allowed, CAUTION * known.epsilon)
+        return replace(known, epsilon=rounded_down(max(LEAST, lower)), note="margin missed")
 
     def _round(self, chosen: dict[str, Choice]) -> list[Seen]:
         """All runs that measure a family which is not settled."""

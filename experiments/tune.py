@@ -121,7 +121,8 @@ def possible_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningR
 
 def provenance(robot: RobotDescription, options: TuneOptions, chosen: dict[str, Choice]) -> dict[str, Any]:
     """What the parameters were tuned for, in TOML's types."""
-    names = sorted({run.name for run in possible_runs(robot, options)})
+    tuned = set(options.only or GUARANTEED)
+    names = sorted(run.name for run in possible_runs(robot, options) if tuned & set(run.families))
     told: dict[str, Any] = {
         "robot": robot.name,
         "masses": list(options.masses),

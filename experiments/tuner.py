@@ -1,7 +1,7 @@
 """Rounds of runs that lead from one set of filter parameters to the next."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -21,6 +21,9 @@ LEAST, MOST = 0.05, 20.0
 
 GROWTH = 2.0
 """Largest factor by which epsilon grows from one round to the next: what was measured was measured near the old one."""
+
+SPARE = 1.1
+"""The room kept at rest is smaller by this factor than what each posture of the robot leaves."""
 
 WORTH = 1.25
 """Epsilon is tried larger while the last round would have allowed this many times as much."""
@@ -96,6 +99,12 @@ def rounded_down(value: float) -> float:
     return float(f"{math.floor(value / unit * (1.0 + 1e-12)) * unit:.2g}")
 
 
+def rounded_up(value: float) -> float:
+    """The smallest number of two digits that is not below ``value`` > 0."""
+    unit = 10.0 ** (math.floor(math.log10(value)) - 1)
+    return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.2g}")
+
+
 class Tuner:
     """Rounds of runs, each with the parameters that the last one proposed.
 
@@ -103,6 +112,7 @@ class Tuner:
         robot: its name.
         runs: to choose from in each round.
         slopes: the alphas to try.
+        ratios: by family, the least alpha epsilon that leaves the robot's postures alone.
         options: checked.
         folder: the parameters of each round are kept there.
         console: for the progress.
@@ -113,11 +123,12 @@ class Tuner:
         robot: str,
         runs: Sequence[TuningRun],
         slopes: Sequence[float],
+        ratios: Mapping[str, float],
         options: TuneOptions,
         folder: Path,
         console: Console,
     ) -> None:
-        self._robot, self._runs, self._slopes = robot, runs, slopes
+        self._robot, self._runs, self._slopes, self._ratios = robot, runs, slopes, ratios
         self._options, self._folder, self._console = options, folder, console
         self._margins = {f: options.margin_angle if f == "joint_limit" else options.margin for f in GUARANTEED}
         self._rounds = 0
@@ -151,7 +162,7 @@ class Tuner:
         met = [c for c in tried if not math.isnan(c.allowed) and not c.settled]
         if met:
             # as far as it was allowed to go, not as far as it goes in one round
-            return min(met, key=lambda c: (c.squared / (c.alpha * min(max(c.allowed, LEAST), MOST)), c.alpha))
+            return min(met, key=lambda c: (c.squared / (c.alpha * float(np.clip(c.allowed, LEAST, MOST))), c.alpha))
         # no row came to its limit, or every slope made a robot fall: nothing is known that could be better
         notes = [c.note for c in tried if c.settled]
         return replace(before, settled=True, note=notes[0] if notes else before.note)
@@ -161,8 +172,8 @@ class Tuner:
         judged = self._judge(family, choice, before, seen)
         if math.isnan(judged.allowed) or judged.note.startswith("kept"):
             return judged
-        epsilon = float(np.clip(judged.allowed, LEAST, min(MOST, GROWTH * choice.epsilon)))
-        return replace(judged, settled=False, good=None, epsilon=rounded_down(epsilon))
+        most = min(judged.allowed, MOST, GROWTH * choice.epsilon)
+        return replace(judged, settled=False, good=None, epsilon=max(self._least(family, choice), rounded_down(most)))
 
     def _judge(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
         """The choice after a round of runs with it."""
@@ -187,7 +198,13 @@ class Tuner:
             squared=float(np.median([m.squared for m, _ in bound])),
             allowed=min(m.epsilon for m, _ in bound),
         )
-        return self._kept(known) if worst.least >= self._margins[family] else self._missed(known)
+        if worst.least >= self._margins[family]:
+            return self._kept(known)
+        return self._missed(known, self._least(family, choice))
+
+    def _least(self, family: str, choice: Choice) -> float:
+        """Least epsilon that leaves room for the robot's postures, of two digits."""
+        return rounded_up(max(LEAST, SPARE * self._ratios.get(family, 0.0) / choice.alpha))
 
     def _kept(self, known: Choice) -> Choice:
         """After a round that kept the margin: done, unless epsilon may be larger by a good deal."""
@@ -197,12 +214,15 @@ class Tuner:
             return good
         return replace(known, epsilon=larger, good=good, note="tried larger")
 
-    def _missed(self, known: Choice) -> Choice:
+    def _missed(self, known: Choice, least: float) -> Choice:
         """After a round that missed it: back to what kept it, or further down."""
         if known.good is not None:
             return known.good
-        lower = min(known.allowed, CAUTION * known.epsilon)
-        return replace(known, epsilon=rounded_down(max(LEAST, lower)), note="margin missed")
+        if known.epsilon <= least:
+            limit = "leaves the robot's postures alone" if least > LEAST else "is tried"
+            return replace(known, settled=True, note=f"margin missed at the least epsilon that {limit}")
+        lower = rounded_down(max(LEAST, min(known.allowed, CAUTION * known.epsilon)))
+        return replace(known, epsilon=max(least, lower), note="margin missed")
 
     def _round(self, chosen: dict[str, Choice]) -> list[Seen]:
         """All runs that measure a family which is not settled."""

@@ -19,6 +19,8 @@ from experiments.study_options import TuneOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.pinocchio_model import standing_configuration
+from safety.barriers import standard_barriers
+from safety.rows import FAMILIES
 
 ARMS = ("self_collision", "joint_limit")
 """Families that runs of the hands measure."""
@@ -83,6 +85,24 @@ def torso_targets(robot: RobotDescription) -> list[tuple[float, float, float]]:
     shapes = [c for c in robot.collisions if c.body == torso.body and c.name in partners]
     centres = [position + rotation @ (0.5 * (np.asarray(c.start) + np.asarray(c.end))) - origin for c in shapes]
     return [(float(c[0]), 0.03, float(c[2])) for c in centres]
+
+
+def posture_ratios(robot: RobotDescription) -> dict[str, float]:
+    """Largest squared gradient over barrier of any row of each family in any of the robot's postures.
+
+    Over alpha it is the epsilon below which the filter would push the robot out of a posture of its own: the room kept
+    at rest would be larger than the distance there is.
+    """
+    kin = Kinematics(robot)
+    barriers = standard_barriers(kin)
+    ratios = dict.fromkeys(FAMILIES, 0.0)
+    for posture in robot.postures:
+        kin.update_geometry(standing_configuration(robot, posture))
+        rows = barriers.evaluate(kin)
+        ratio = np.divide(np.vecdot(rows.jac, rows.jac), rows.h, out=np.zeros_like(rows.h), where=rows.h > 0)
+        for i, family in enumerate(FAMILIES):
+            ratios[family] = max(ratios[family], float(ratio[rows.family == i].max(initial=0.0)))
+    return ratios
 
 
 def tuning_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningRun]:

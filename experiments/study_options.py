@@ -108,7 +108,7 @@ class TuneOptions:
     """Distance to keep under all of that [m]."""
     margin_angle: float = 0.01
     """The same of joint limits [rad]."""
-    alphas: tuple[float, ...] = (3.0, 5.0, 8.0)
+    alphas: tuple[float, ...] = (3.0, 5.0, 8.5)
     """Slopes to try; one above what motors can follow without overshoot, a quarter of their bandwidth, is left out
     [1/s]."""
     rounds: int = 6

@@ -249,8 +249,8 @@ def test_the_bound_of_the_row_solves_the_equation_of_the_page(filtered: RunResul
     np.testing.assert_allclose(series["h_row_bound"][:-1], expected, rtol=0, atol=1e-12)
     smallest = series["h_row_bound"].min()
     assert filtered.summary["row_bound_min_m"] == smallest
-    # what the disturbance takes can be seen in it
-    assert taken > 0.002
+    # what the disturbance takes can be seen in it: far more than rounding
+    assert taken > 1e-4
 
 
 def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(hands: RunResult) -> None:

@@ -22,6 +22,7 @@ from experiments.options import (
 )
 from experiments.results import RunResult, save_result
 from experiments.safety_runs import friction_runs, safety_runs
+from experiments.tuning_scenarios import payload
 from experiments.warmup import warm_up
 from robots.checks import require_between
 from robots.loader import load_robot
@@ -129,17 +130,14 @@ def describe_case(options: RunOptions) -> str:
 
 
 def other_differences() -> list[RunOptions]:
-    """Noise and delay; a payload in each hand at the usual and at a smaller epsilon."""
+    """Noise and delay; a payload in each hand, with the robot's own parameters and with a larger epsilon."""
     out: list[RunOptions] = []
     for name in ROBOTS:
         noisy = PlantOptions(mass_scale=1.2, noise_scale=1.0, actuator_delay=0.004)
         out.append(HandTrackingOptions(robot=name, plant=noisy))
-        robot = load_robot(name)
-        mass = {b.name: b.mass for b in robot.bodies}
-        hands = [robot.frame(robot.roles[r]).body for r in ("left_hand", "right_hand")]
-        loaded = PlantOptions(link_mass={h: 1.0 + PAYLOAD / mass[h] for h in hands})
-        for epsilon in (None, 0.5):
-            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=FilterOptions(epsilon=epsilon)))
+        loaded = PlantOptions(link_mass=payload(load_robot(name), PAYLOAD))
+        for safety in (FilterOptions(), FilterOptions(alpha=5.0, epsilon=2.0)):
+            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=safety))
     return out
 
 

@@ -172,7 +172,7 @@ class Tuner:
         judged = self._judge(family, choice, before, seen)
         if math.isnan(judged.allowed) or judged.note.startswith("kept"):
             return judged
-        most = min(judged.allowed, MOST, GROWTH * choice.epsilon)
+        most = max(LEAST, min(judged.allowed, MOST, GROWTH * choice.epsilon))
         return replace(judged, settled=False, good=None, epsilon=max(self._least(family, choice), rounded_down(most)))
 
     def _judge(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
@@ -209,7 +209,7 @@ class Tuner:
     def _kept(self, known: Choice) -> Choice:
         """After a round that kept the margin: done, unless epsilon may be larger by a good deal."""
         good = replace(known, settled=True, note="keeps its margin", good=None)
-        larger = rounded_down(min(known.allowed, GROWTH * known.epsilon, MOST))
+        larger = rounded_down(max(LEAST, min(known.allowed, GROWTH * known.epsilon, MOST)))
         if larger < WORTH * known.epsilon:
             return good
         return replace(known, epsilon=larger, good=good, note="tried larger")

@@ -104,8 +104,8 @@ class TuneOptions:
     """Mass in each hand that the model does not know of [kg]."""
     delay: float = 0.004
     """Time from command to torque [s]."""
-    margin: float = 0.002
-    """Distance to keep under all of that [m]."""
+    margin: float = 0.004
+    """Distance to keep under all of that [m]; motions that are not among the scenarios take half of it."""
     margin_angle: float = 0.01
     """The same of joint limits [rad]."""
     alphas: tuple[float, ...] = (3.0, 5.0, 8.5)

@@ -56,7 +56,10 @@ def payload(robot: RobotDescription, mass: float, mass_scale: float = 1.0) -> di
 
 
 def corner_plants(robot: RobotDescription, options: TuneOptions) -> dict[str, PlantOptions]:
-    """Robots at the edges of what is to be withstood: light and frictionless, heavy with friction, heavy and loaded."""
+    """Robots at the edges of what is to be withstood: light and frictionless, heavy with friction, loaded without, with.
+
+    Friction holds a load as well as it keeps a joint from following: either may be the worse.
+    """
     (light, heavy), (least, most) = options.masses, options.joint_friction
     plants = {
         "light": PlantOptions(mass_scale=light, joint_friction_scale=least),
@@ -64,9 +67,8 @@ def corner_plants(robot: RobotDescription, options: TuneOptions) -> dict[str, Pl
     }
     if options.payload > 0:
         load = payload(robot, options.payload, heavy)
-        plants["loaded"] = PlantOptions(
-            mass_scale=heavy, joint_friction_scale=least, link_mass=load, actuator_delay=options.delay
-        )
+        plants["loaded"] = dataclasses.replace(plants["heavy"], joint_friction_scale=least, link_mass=load)
+        plants["loaded, stiff"] = dataclasses.replace(plants["heavy"], link_mass=load)
     return plants
 
 

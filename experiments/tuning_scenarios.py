@@ -56,7 +56,7 @@ def payload(robot: RobotDescription, mass: float, mass_scale: float = 1.0) -> di
 
 
 def corner_plants(robot: RobotDescription, options: TuneOptions) -> dict[str, PlantOptions]:
-    """Robots at the edges of what is to be withstood: light and frictionless, heavy with friction, loaded without, with.
+    """Robots at the edges of what is to be withstood: light without friction, heavy with it, loaded without and with.
 
     Friction holds a load as well as it keeps a joint from following: either may be the worse.
     """

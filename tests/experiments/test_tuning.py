@@ -125,7 +125,7 @@ def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
     chosen, rounds = tuner(tmp_path, monkeypatch, model, lambda alpha, epsilon: False, start, rounds=15)
     for family, choice in chosen.items():
         push, squared = model(family, choice.alpha, choice.epsilon)
-        margin = 0.01 if family == "joint_limit" else 0.002
+        margin = TuneOptions().margin_angle if family == "joint_limit" else TuneOptions().margin
         assert choice.settled
         assert choice.note == "keeps its margin"
         assert (squared / choice.epsilon - push) / choice.alpha == pytest.approx(choice.least)

@@ -9,6 +9,7 @@ from controllers.torque_modes import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
+from safety.adaptation import AdaptationTuning
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
 from safety.recovery import RecoverySettings
@@ -28,6 +29,7 @@ T = TypeVar("T", bound=DataclassInstance)
 TABLES = (
     "tasks",
     "safety",
+    "adaptation",
     "contact",
     "balance",
     "dynwbc",
@@ -211,6 +213,7 @@ class ControllerConfig:
         filter: name of the safety filter.
         infeasible: what the filter does where no velocity satisfies its conditions; ``unsafe_pass_nominal`` is for
             comparison with the papers' baselines, in simulation only.
+        adaptive: whether epsilon of every row follows the disturbance that reaches it; with the filter ``issf`` only.
         drives: what the commands go to, ``simulation`` or ``hardware``.
         gain_scale: factor on the motors' gains of the description.
         torque: what torque the motors are told besides positions and velocities, see
@@ -219,6 +222,7 @@ class ControllerConfig:
             commands; the paper's form does not.
         tasks: KinWBC.
         safety: safety filter.
+        adaptation: of epsilon, where ``adaptive``.
         contact: soles.
         balance: feedback of the DCM.
         dynwbc: DynWBC.
@@ -228,12 +232,14 @@ class ControllerConfig:
     dt: float = 0.002
     filter: str = "issf"
     infeasible: str = "least_slack"
+    adaptive: bool = False
     drives: str = "simulation"
     gain_scale: float = 1.0
     torque: str = "full"
     without_drift: bool = False
     tasks: TaskTuning = field(default_factory=TaskTuning)
     safety: FilterTuning = field(default_factory=FilterTuning)
+    adaptation: AdaptationTuning = field(default_factory=AdaptationTuning)
     contact: ContactTuning = field(default_factory=ContactTuning)
     balance: BalanceTuning = field(default_factory=BalanceTuning)
     dynwbc: DynWbcWeights = field(default_factory=DynWbcWeights)
@@ -246,6 +252,8 @@ class ControllerConfig:
         require_one_of("infeasible", self.infeasible, INFEASIBLE)
         require_one_of("drives", self.drives, DRIVES)
         require_one_of("torque", self.torque, TORQUE_MODES)
+        if self.adaptive and self.filter != "issf":
+            raise ConfigError("filter", self.filter, "issf where epsilon is adaptive: no other filter has one")
         if self.drives == "hardware":
             if self.filter == "none":
                 raise ConfigError("filter", self.filter, "a filter where the commands drive hardware")
@@ -259,8 +267,8 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
     """The configuration of a robot: defaults, then the tables ``[tuning.*]`` of its description, then ``changes``.
 
     Args:
-        robot: the description; its tables ``tasks``, ``safety``, ``contact``, ``dynwbc`` hold fields of the classes
-            above, ``controller`` those of :class:`ControllerConfig` itself.
+        robot: the description; its tables ``tasks``, ``safety``, ``adaptation``, ``contact``, ``dynwbc`` hold fields of
+            the classes above, ``controller`` those of :class:`ControllerConfig` itself.
         changes: fields of :class:`ControllerConfig` that override.
 
     Raises:
@@ -272,6 +280,7 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
     parts: dict[str, Any] = {
         "tasks": from_table(TaskTuning, robot, "tasks"),
         "safety": from_table(FilterTuning, robot, "safety"),
+        "adaptation": from_table(AdaptationTuning, robot, "adaptation"),
         "contact": from_table(ContactTuning, robot, "contact"),
         "balance": from_table(BalanceTuning, robot, "balance"),
         "dynwbc": from_table(DynWbcWeights, robot, "dynwbc"),

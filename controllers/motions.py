@@ -162,6 +162,18 @@ class HandsToTargets:
         reference.hands = (left, right)
 
 
+class HandsAt:
+    """Both hands to fixed targets (3,) each [m] in one jump: what a gain on the error and its bound make of it."""
+
+    def __init__(self, targets: tuple[Array, Array]) -> None:
+        self._targets = targets
+
+    def apply(self, reference: WholeBodyReference, t: float) -> None:
+        """See :meth:`Motion.apply`."""
+        left, right = (PointReference(target, np.zeros(3), np.zeros(3)) for target in self._targets)
+        reference.hands = (left, right)
+
+
 class CarriedHands:
     r"""Both hands carried along: at fixed places beside the CoM's reference, in axes that turn with the heading.
 

@@ -20,6 +20,7 @@ from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, Mask, MotorCommand, RobotState
+from safety.adaptation import EpsilonAdapter
 from safety.barriers import Barrier, BarrierSet, ObstacleBarrier, standard_barriers
 from safety.filters import FilterResult, FilterStatus, SafetyFilter
 from safety.obstacles import Obstacle
@@ -109,6 +110,7 @@ class WholeBodyController:
             dt=config.dt,
             recovery=safety.recovery(),
         )
+        self.adapter = EpsilonAdapter(safety.parameters(), config.adaptation, config.dt) if config.adaptive else None
         contacts = [self._contact(s.frame, s.half_length, s.half_width) for s in robot.soles]
         count = self.barriers.size if self.acceleration_filter else 0
         self.dynwbc = DynWbc(self.kin, contacts, config.dynwbc, config.dynwbc_solver, count)
@@ -146,6 +148,8 @@ class WholeBodyController:
         self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
         self.filter.reset()
+        if self.adapter is not None:
+            self.adapter.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
@@ -185,7 +189,7 @@ class WholeBodyController:
         marks.append(self._clock())
         rows = self._barrier_rows(obstacles)
         marks.append(self._clock())
-        safety = self._filter_velocity(rows, v_des, levels, reference.in_contact)
+        safety = self._filter_velocity(rows, v_des, levels, reference.in_contact, state.v)
         marks.append(self._clock())
         problem, spaces = self._dynamic_problem(state, reference, rows, safety.v)
         marks.append(self._clock())
@@ -248,14 +252,24 @@ class WholeBodyController:
         return self.barriers.evaluate(self.kin, second_order)
 
     def _filter_velocity(
-        self, rows: BarrierRows, v_des: Array, levels: Sequence[tuple[Array, Array]], in_contact: Mask
+        self,
+        rows: BarrierRows,
+        v_des: Array,
+        levels: Sequence[tuple[Array, Array]],
+        in_contact: Mask,
+        velocity: Array,
     ) -> FilterResult:
         if self.acceleration_filter is not None:
             return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
         feet = self._stance_jacobian(levels[0][0], in_contact)
         balance = self.kinwbc.rows(1, 4)
         hands = levels[4][0] if self._tasks.with_hands else None
-        return self.filter.apply(rows, v_des, feet, balance, hands)
+        if self.adapter is None:
+            return self.filter.apply(rows, v_des, feet, balance, hands)
+        epsilon = self.adapter.epsilon(rows, velocity)
+        result = self.filter.apply(rows, v_des, feet, balance, hands, epsilon=epsilon)
+        self.adapter.told(result.v)
+        return result
 
     def _stance_jacobian(self, feet: Array, in_contact: Mask) -> Array:
         """Rows of the feet's Jacobians (12, nv) that the filter is to leave alone.

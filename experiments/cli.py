@@ -20,7 +20,14 @@ from experiments.options import (
     TaichiOptions,
     WalkOptions,
 )
-from experiments.study_options import LocomotionTableOptions, PushSearchOptions, RandomWalkOptions, RandomWalksOptions
+from experiments.study_options import (
+    LocomotionTableOptions,
+    PushSearchOptions,
+    RandomWalkOptions,
+    RandomWalksOptions,
+    RobustnessOptions,
+    TuneOptions,
+)
 from robots.errors import SafeWbcError
 
 DESCRIPTION = (
@@ -41,6 +48,7 @@ Experiment = (
     | Annotated[RandomWalkOptions, tyro.conf.subcommand("random-walk")]
     | Annotated[RandomWalksOptions, tyro.conf.subcommand("random-walks")]
     | Annotated[PushSearchOptions, tyro.conf.subcommand("pushes")]
+    | Annotated[RobustnessOptions, tyro.conf.subcommand("robustness")]
     | Annotated[LocomotionTableOptions, tyro.conf.subcommand("locomotion-table")]
 )
 
@@ -56,6 +64,7 @@ Command = (
     Annotated[DemoOptions, tyro.conf.subcommand("demo")]
     | Annotated[Run, tyro.conf.subcommand("run")]
     | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
+    | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
     | Annotated[TableOptions, tyro.conf.subcommand("table")]
     | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
     | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
@@ -87,7 +96,9 @@ COMMANDS: dict[type, str] = {
     PushSearchOptions: "push_search:pushes",
     RandomWalksOptions: "random_walks:random_walks",
     ReplayOptions: "replay:replay",
+    RobustnessOptions: "robustness:robustness",
     TableOptions: "table:table",
+    TuneOptions: "tune:tune",
 }
 """Where the commands are that are no experiment of :mod:`experiments.registry`: ``module:function``, by options."""
 

@@ -6,27 +6,31 @@ from functools import partial
 
 import numpy as np
 
-from controllers.motions import HandCircles, HandsToTargets, Motion, circle_settings
+from controllers.motions import MIRROR, HandCircles, HandsAt, HandsToTargets, Motion, circle_settings
 from controllers.reference import WholeBodyReference
 from experiments.encounter import SensorSettings, passing_sphere
 from experiments.options import HandTrackingOptions
 from experiments.reference_motion import reference_motion
 from experiments.results import RunResult
-from experiments.scenario import Scenario
+from experiments.scenario import MakeMotion, Scenario
 from experiments.session import check_options, run
 from robots.checks import require_one_of
 from robots.description import RobotDescription
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 
-MOTIONS = ("circles", "beyond-reach", "hold")
+MOTIONS = ("circles", "beyond-reach", "target", "cross", "hold")
 
 BEYOND = 0.3
 """How far beyond the outstretched arm the targets of ``beyond-reach`` lie [m]."""
 
 APPROACH = 4.0
 """Time in which the targets of ``beyond-reach`` are approached [s]."""
+
+CROSS = 2.0
+"""Time in which the hands change places [s]."""
 
 
 def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], None] | None = None) -> RunResult:
@@ -40,10 +44,17 @@ def run_hand_tracking(options: HandTrackingOptions, progress: Callable[[float], 
 
 def hand_scenario(robot: RobotDescription, options: HandTrackingOptions) -> Scenario:
     """What happens in a run with these options, which have been checked."""
-    make = {"circles": _circles, "beyond-reach": _beyond_reach, "hold": _hold}[options.motion]
+    motions: dict[str, MakeMotion] = {
+        "circles": _circles,
+        "beyond-reach": _beyond_reach,
+        "target": partial(_target, np.array(options.target)),
+        "cross": _cross,
+        "hold": _hold,
+    }
     obstacle = obstacle_settings(options)
     encounter = None if obstacle is None else partial(passing_sphere, obstacle)
-    return Scenario("hand-tracking", start_posture(robot), make, encounter=encounter, extra=reference_motion)
+    posture, hands = start_posture(robot), motions[options.motion]
+    return Scenario("hand-tracking", posture, hands, encounter=encounter, extra=reference_motion)
 
 
 def check_hand_tracking(options: HandTrackingOptions) -> RobotDescription:
@@ -53,6 +64,8 @@ def check_hand_tracking(options: HandTrackingOptions) -> RobotDescription:
         SafeWbcError: an option is not allowed, or the robot's description lacks what hand tracking needs.
     """
     require_one_of("motion", options.motion, MOTIONS)
+    if not all(math.isfinite(x) for x in options.target):
+        raise ConfigError("target", options.target, "three finite numbers [m]")
     robot = check_options(options)
     obstacle_settings(options)
     robot.posture(start_posture(robot))
@@ -95,6 +108,19 @@ def _circles(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
 def _hold(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
     start = _start(reference)
     return HandsToTargets(start, start, APPROACH)
+
+
+def _target(offset: Array, robot: RobotDescription, reference: WholeBodyReference) -> Motion:
+    """Both hands to ``offset`` (3,) from the torso's frame and to its mirror image [m], at once."""
+    kin = Kinematics(robot)
+    kin.update_geometry(standing_configuration(robot, start_posture(robot)))
+    torso = kin.frame_placement(kin.frame_id(robot.roles["torso"]))[1]
+    return HandsAt((torso + offset, torso + MIRROR * offset))
+
+
+def _cross(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
+    left, right = _start(reference)
+    return HandsToTargets((left, right), (right, left), CROSS)
 
 
 def _beyond_reach(robot: RobotDescription, reference: WholeBodyReference) -> Motion:

@@ -47,6 +47,10 @@ class FilterOptions:
     layer: float | None = None
     """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers'
     switch at the margin; the robot's own tuning if not given [m, rad]."""
+    tuning: Path | None = None
+    """File of parameters for any of the families, as `safewbc tune` writes it; --alpha and --epsilon come before it."""
+    adaptive: bool = False
+    """Only with issf: make epsilon of a row smaller while a disturbance is seen to push it in (docs/safety.md)."""
 
 
 @dataclass(frozen=True)
@@ -88,12 +92,16 @@ class StandOptions(RunOptions):
 
 @dataclass(frozen=True)
 class HandTrackingOptions(RunOptions):
-    """Both hands follow references while the robot stands: circles through the torso, or targets beyond reach."""
+    """Both hands follow references while the robot stands: circles through the torso, targets in it or beyond reach."""
 
     duration: float = 12.0
     """Simulated time [s]."""
     motion: str = "circles"
-    """Hand motion: circles (3D circles through the torso), beyond-reach (targets 30 cm out of reach) or hold."""
+    """Hand motion: circles (3D circles through the torso), beyond-reach (targets 30 cm out of reach), target (both in
+    one jump to --target), cross (each to where the other was) or hold."""
+    target: tuple[float, float, float] = (0.0, 0.03, 0.0)
+    """Only with --motion target: where the left hand is sent, from the origin of the torso's frame in the world's axes;
+    the right one mirrors it [m m m]."""
     obstacle: bool = False
     """A sphere of 8 cm radius passes through where the hands start, from left to right at 0.25 m/s. Best with
     --motion hold: circles and beyond-reach have taken the hands elsewhere when it arrives, after two to three
@@ -253,8 +261,8 @@ class TableOptions:
     Some minutes on two cores.
     """
 
-    what: tyro.conf.Positional[Literal["results", "safety"]] = "results"
-    """Which page's: docs/results.md or docs/safety.md."""
+    what: tyro.conf.Positional[Literal["results", "safety", "friction"]] = "results"
+    """Which page's: docs/results.md or docs/safety.md; friction: what docs/safety.md says of dry friction."""
     jobs: int = 2
     """Runs at a time [-]."""
     out: Path | None = None

@@ -48,6 +48,39 @@ VELOCITY_COLUMNS = (
     column("hand_rmse_m", "hand RMSE"),
     column("fell", "fell"),
 )
+FRICTION_COLUMNS = (
+    column("friction", "joints' friction"),
+    column("filter", "filter"),
+    column("alpha", "alpha"),
+    column("epsilon", "epsilon"),
+    column("adaptive", "adaptive"),
+    column("min_h_self_collision_m", "min h self-collision"),
+    column("collision_ratio", "collision ratio"),
+    column("hand_rmse_m", "hand RMSE"),
+    column("hand_rmse_outside_conflict_m", "outside conflict"),
+    column("command_step_rms", "step of the command, RMS"),
+    column("max_torque_fraction", "torque / limit, max"),
+)
+FRICTION_SCALES = (1.0, 2.0)
+FRICTION_FILTERS = (
+    FilterOptions(filter="cbf", alpha=10.0),
+    FilterOptions(filter="cbf", alpha=50.0),
+    FilterOptions(alpha=10.0, epsilon=10.0),
+    FilterOptions(alpha=10.0, epsilon=10.0, adaptive=True),
+    FilterOptions(),
+    FilterOptions(adaptive=True),
+)
+"""On dry friction: the CBF, epsilon as it is in the paper and as the robot has it, each fixed and adapted."""
+
+
+def friction_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
+    """Hand circles of TOCABI, by how much friction its joints have, with the columns to show."""
+    runs: list[RunOptions] = [
+        HandTrackingOptions(robot="tocabi", plant=PlantOptions(joint_friction_scale=scale), safety=safety)
+        for scale in FRICTION_SCALES
+        for safety in FRICTION_FILTERS
+    ]
+    return {"Dry friction, TOCABI, hand circles, 12 s": (runs, FRICTION_COLUMNS)}
 
 
 def safety_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:

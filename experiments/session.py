@@ -11,6 +11,7 @@ from controllers.config import ControllerConfig, controller_config
 from controllers.motions import CenterOfMassShift, Motion
 from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
+from controllers.tuning_file import read_tuning
 from controllers.whole_body import WholeBodyController
 from experiments.laps import Laps
 from experiments.loop import ClosedLoop
@@ -72,15 +73,22 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     """Changes to a robot's controller configuration that the filter's options ask for.
 
     Raises:
-        ConfigError: alpha or epsilon is not positive and finite, or the layer not 0 or above.
+        ConfigError: alpha or epsilon is not positive and finite, the layer not 0 or above, or the file of parameters
+            not as it should be.
     """
     safety = controller_config(robot).safety
+    if options.tuning is not None:
+        safety = read_tuning(options.tuning, robot.name).applied(safety)
     if options.layer is not None:
         families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
         safety = dataclasses.replace(safety, **families)
     given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
     pairs = dataclasses.replace(safety.self_collision, **given)
-    return {"filter": options.filter, "safety": dataclasses.replace(safety, self_collision=pairs)}
+    return {
+        "filter": options.filter,
+        "adaptive": options.adaptive,
+        "safety": dataclasses.replace(safety, self_collision=pairs),
+    }
 
 
 def control_config(robot: RobotDescription, options: RunOptions, scenario: Scenario | None = None) -> ControllerConfig:

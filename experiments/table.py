@@ -21,7 +21,8 @@ from experiments.options import (
     TableOptions,
 )
 from experiments.results import RunResult, save_result
-from experiments.safety_runs import safety_runs
+from experiments.safety_runs import friction_runs, safety_runs
+from experiments.tuning_scenarios import payload
 from experiments.warmup import warm_up
 from robots.checks import require_between
 from robots.loader import load_robot
@@ -65,7 +66,7 @@ def table(options: TableOptions) -> int:
     """Run everything, print the tables as Markdown, save the runs; returns 0."""
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True, markup=False, soft_wrap=True)
-    groups = safety_runs() if options.what == "safety" else runs()
+    groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[options.what]()
     with results_folder(OutputOptions(out=options.out), "table") as folder:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
@@ -83,7 +84,11 @@ def table(options: TableOptions) -> int:
 def _words(run: RunOptions) -> dict[str, str]:
     """What a table may show of a run that is no figure of its summary."""
     velocity = run.obstacle_velocity if isinstance(run, HandTrackingOptions) else ""
-    return {"case": describe_case(run), "velocity": velocity}
+    words = {"case": describe_case(run), "velocity": velocity}
+    return words | {
+        "friction": f"x{run.plant.joint_friction_scale:g}",
+        "adaptive": "yes" if run.safety.adaptive else "no",
+    }
 
 
 def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterator[RunResult]:
@@ -107,8 +112,10 @@ def run_folder(options: RunOptions) -> str:
         motion = options.motion if options.obstacle_velocity == "estimated" else f"hold-{options.obstacle_velocity}"
         motion += "" if options.plant.mass_scale == USUAL_MASS_SCALE else f"-mass-{options.plant.mass_scale:g}"
     case = f"-{describe_case(options)}" if options.plant.link_mass or options.plant.noise_scale else ""
-    case += f"-epsilon-{options.safety.epsilon:g}" if options.safety.epsilon is not None else ""
-    case += f"-layer-{options.safety.layer:g}" if options.safety.layer is not None else ""
+    case += f"-friction-{options.plant.joint_friction_scale:g}" if options.plant.joint_friction_scale != 1 else ""
+    for name in ("alpha", "epsilon", "layer"):
+        case += f"-{name}-{value:g}" if (value := getattr(options.safety, name)) is not None else ""
+    case += "-adaptive" if options.safety.adaptive else ""
     return f"{options.robot}-{options.safety.filter}-{motion}{case}".replace(" ", "-").replace(",", "")
 
 
@@ -123,17 +130,14 @@ def describe_case(options: RunOptions) -> str:
 
 
 def other_differences() -> list[RunOptions]:
-    """Noise and delay; a payload in each hand at the usual and at a smaller epsilon."""
+    """Noise and delay; a payload in each hand, with the robot's own parameters and with a larger epsilon."""
     out: list[RunOptions] = []
     for name in ROBOTS:
         noisy = PlantOptions(mass_scale=1.2, noise_scale=1.0, actuator_delay=0.004)
         out.append(HandTrackingOptions(robot=name, plant=noisy))
-        robot = load_robot(name)
-        mass = {b.name: b.mass for b in robot.bodies}
-        hands = [robot.frame(robot.roles[r]).body for r in ("left_hand", "right_hand")]
-        loaded = PlantOptions(link_mass={h: 1.0 + PAYLOAD / mass[h] for h in hands})
-        for epsilon in (None, 0.5):
-            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=FilterOptions(epsilon=epsilon)))
+        loaded = PlantOptions(link_mass=payload(load_robot(name), PAYLOAD))
+        for safety in (FilterOptions(), FilterOptions(alpha=5.0, epsilon=2.0)):
+            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=safety))
     return out
 
 

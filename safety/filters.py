@@ -168,6 +168,7 @@ class SafetyFilter:
         *,
         age: float = 0.0,
         velocity: Array | None = None,
+        epsilon: Array | None = None,
     ) -> FilterResult:
         """Filter one input.
 
@@ -179,6 +180,8 @@ class SafetyFilter:
             hands: shape (m, nv) Jacobians of the hands' tasks, or ``None``.
             age: of the oldest of these inputs [s].
             velocity: shape (nv,) measured velocity, for order 2.
+            epsilon: shape (n,) ISSf parameter of each row in this tick, above 0 (see
+                :class:`safety.adaptation.EpsilonAdapter`); ``None``: that of its family.
 
         Returns:
             The result; its arrays are new, the input is not changed. Never raises on bad numbers: a value that is not
@@ -188,7 +191,8 @@ class SafetyFilter:
         jacobians = (feet, balance, hands)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
-            if cause := self._objection(rows, v_des, age, velocity, jacobians):
+            cause = self._objection(rows, v_des, age, velocity, jacobians) or self._objection_to_epsilon(epsilon)
+            if cause:
                 return self._refusal(cause, velocity)
             if self.kind.condition is None:
                 if cause := self._not_finite(rows, v_des, velocity):
@@ -196,7 +200,9 @@ class SafetyFilter:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := self.prepare(rows.family):
                 return self._refusal(self._not_finite(rows, v_des, velocity) or cause, velocity)
-            result = self._filter(rows, v_des, jacobians, velocity)
+            own = self._row_parameters
+            parameters = own if epsilon is None else replace(own, epsilon=epsilon)
+            result = self._filter(rows, v_des, jacobians, velocity, parameters)
         if self._recovery is not None and not (result.status == FilterStatus.FAILED and result.worst_row < 0):
             self._recovery.note(v_des, result.v)
         return result
@@ -207,20 +213,25 @@ class SafetyFilter:
             self._recovery.reset()
 
     def _filter(
-        self, rows: BarrierRows, v_des: Array, jacobians: tuple[Array | None, ...], velocity: Array | None
+        self,
+        rows: BarrierRows,
+        v_des: Array,
+        jacobians: tuple[Array | None, ...],
+        velocity: Array | None,
+        parameters: RowParameters,
     ) -> FilterResult:
         """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
         lower, upper = self._lower, self._upper
         if self.order == 2 and velocity is not None:
             lower, upper = acceleration_bounds(self._limit, velocity, self._velocity_max, self._dt)
-        spaces, violated = self._spaces(rows, velocity), np.empty(self._n_rows, dtype=bool)
+        spaces, violated = self._spaces(rows, velocity, parameters), np.empty(self._n_rows, dtype=bool)
         parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
             if cause := self._not_finite(rows, v_des, velocity):
                 return self._refusal(cause, velocity)
         cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
-        asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians)
+        asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians, parameters)
         if eased is not None:
             spaces, v_des = eased.spaces, eased.v_des
             parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
@@ -240,14 +251,18 @@ class SafetyFilter:
         return self._conclude(resolved, velocity, asked)
 
     def _ease(
-        self, rows: BarrierRows, spaces: HalfSpaces, v_des: Array, jacobians: tuple[Array | None, ...]
+        self,
+        rows: BarrierRows,
+        spaces: HalfSpaces,
+        v_des: Array,
+        jacobians: tuple[Array | None, ...],
+        parameters: RowParameters,
     ) -> Eased | None:
         """What to filter instead where rows are lost."""
         if self._recovery is None:
             return None
-        p = self._row_parameters
         metric = partial(self._metric, jacobians, v_des)
-        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], p, v_des, metric, self._limit)
+        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], parameters, v_des, metric, self._limit)
 
     def _metric(self, jacobians: tuple[Array | None, ...], v_des: Array) -> Array:
         """The metric (nv, nv), valid until the next one."""
@@ -286,6 +301,13 @@ class SafetyFilter:
             return "curvature of the barrier rows is missing or not finite"
         return ""
 
+    def _objection_to_epsilon(self, epsilon: Array | None) -> str:
+        if epsilon is None:
+            return ""
+        if epsilon.shape != (self._n_rows,):
+            return f"epsilon has shape {epsilon.shape}, expected {(self._n_rows,)}"
+        return "" if all_finite(epsilon) and (epsilon > 0).all() else "epsilon is not finite and above 0 throughout"
+
     def prepare(self, family: Indices) -> str:
         """Make ready for rows of these families (n_rows,), once as long as they stay the same; why not, in words.
 
@@ -314,9 +336,8 @@ class SafetyFilter:
         }
         return makers[self.kind.resolution]()
 
-    def _spaces(self, rows: BarrierRows, velocity: Array | None) -> HalfSpaces:
+    def _spaces(self, rows: BarrierRows, velocity: Array | None, p: RowParameters) -> HalfSpaces:
         """The conditions on the input, those that are not active out of reach of any."""
-        p = self._row_parameters
         if self.order == 2 and velocity is not None:
             rows = (ecbf_rows if self.name == "ecbf" else index_rows)(rows, velocity, p)
             p = self._bare_parameters

@@ -69,7 +69,7 @@ class PlantConfig:
         require_between("mass_scale", self.changes.mass_scale, 0.1, 10.0)
         require_positive("sole_friction", self.changes.sole_friction)
         for name, value in self.changes.link_mass_scale.items():
-            require_between(f"link_mass_scale of {name}", value, 0.1, 10.0)
+            require_between(f"link_mass_scale of {name}", value, 0.1, 15.0)
         for name in ("joint_friction_scale", "armature_scale"):
             require_non_negative(name, getattr(self.changes, name))
         if len(self.changes.com_shift) != 3 or not np.isfinite(self.changes.com_shift).all():

@@ -5,6 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from controllers.config import controller_config
 from experiments.hand_tracking import arm_length, run_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
 from experiments.results import RunResult
@@ -39,8 +40,8 @@ def test_without_a_filter_the_hands_enter_the_torso(robot_name: str) -> None:
 
 def test_with_issf_nothing_touches_though_the_robot_is_heavier_than_its_model(robot_name: str) -> None:
     summary = circles(robot_name, "issf").summary
-    assert summary["alpha"] == 5.0
-    assert summary["epsilon"] == 2.0
+    own = controller_config(load_robot(robot_name)).safety.self_collision
+    assert (summary["alpha"], summary["epsilon"]) == (own.alpha, own.epsilon)
     assert summary["min_h_self_collision_m"] > 0
     assert summary["min_h_joint_limit_rad"] > 0
     assert summary["min_h_workspace_m"] > 0

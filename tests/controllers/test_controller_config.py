@@ -17,6 +17,7 @@ from controllers.motions import circle_settings
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
+from safety.adaptation import AdaptationTuning
 from safety.rows import FAMILIES
 
 BAD_NUMBERS = (0.0, -1.0, float("nan"), float("inf"), "1", None)
@@ -124,3 +125,15 @@ def test_bad_values_in_a_description_are_refused() -> None:
 def test_the_robots_own_tuning_is_accepted(robot: RobotDescription) -> None:
     controller_config(robot)
     circle_settings(robot)
+
+
+def test_epsilon_is_adapted_only_where_there_is_one() -> None:
+    assert not ControllerConfig().adaptive
+    ControllerConfig(adaptive=True)
+    for name in ("cbf", "none", "pssa", "ecbf"):
+        with pytest.raises(ConfigError, match=f"filter = '{name}'.*adaptive"):
+            ControllerConfig(filter=name, adaptive=True)
+    robot = with_tuning(adaptation={"time": 0.2, "least": 0.5})
+    assert controller_config(robot).adaptation == AdaptationTuning(0.2, 0.5)
+    with pytest.raises(ConfigError, match="adaptation time"):
+        controller_config(with_tuning(adaptation={"time": 0.0}))

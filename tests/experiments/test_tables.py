@@ -10,7 +10,7 @@ from rich.console import Console
 from experiments import table as tables
 from experiments.options import HandTrackingOptions, RunOptions, TableOptions
 from experiments.results import RunResult
-from experiments.safety_runs import safety_runs
+from experiments.safety_runs import friction_runs, safety_runs
 from robots.loader import load_robot
 from safety.filters import FILTERS
 
@@ -25,7 +25,10 @@ def options_of(groups: Mapping[str, tuple[list[RunOptions], Any]]) -> list[RunOp
     return [options for group, _ in groups.values() for options in group]
 
 
-@pytest.mark.parametrize(("what", "page"), [("results", "results.md"), ("safety", "safety.md")])
+PAGES = [("results", "results.md"), ("safety", "safety.md"), ("friction", "safety.md")]
+
+
+@pytest.mark.parametrize(("what", "page"), PAGES)
 def test_each_page_has_the_runs_of_its_own(
     what: str, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -43,7 +46,7 @@ def test_each_page_has_the_runs_of_its_own(
     heads = [line for line in printed if "[" in line]
     assert heads
     assert set(heads) <= set(rows_of(page))
-    assert asked == options_of(safety_runs() if what == "safety" else tables.runs())
+    assert asked == options_of({"safety": safety_runs, "friction": friction_runs, "results": tables.runs}[what]())
 
 
 def test_every_filter_is_run_on_both_robots() -> None:
@@ -53,7 +56,7 @@ def test_every_filter_is_run_on_both_robots() -> None:
 
 def test_runs_that_differ_have_folders_that_differ() -> None:
     """The same run may stand in two tables."""
-    for groups in (safety_runs(), tables.runs()):
+    for groups in (safety_runs(), friction_runs(), tables.runs()):
         folders: dict[str, RunOptions] = {}
         for options in options_of(groups):
             assert folders.setdefault(tables.run_folder(options), options) == options

@@ -1,0 +1,139 @@
+"""Parameters of the safety filter in a file of their own: what ``safewbc tune`` writes and every run accepts."""
+
+import dataclasses
+import math
+import os
+import tempfile
+import tomllib
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from controllers.config import FilterTuning
+from robots.errors import ConfigError
+from safety.conditions import FamilyParameters
+from safety.rows import FAMILIES
+
+PARAMETERS = tuple(f.name for f in dataclasses.fields(FamilyParameters))
+"""What may stand in the table of a family."""
+
+TABLES = ("tuned", "safety")
+"""Tables of a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tuning:
+    """Parameters of constraint families, and how they were found.
+
+    Attributes:
+        families: parameters by name, by family of ``FAMILIES``; what is absent stays as it is.
+        tuned: how they were found, in TOML's own types: ``robot`` among them, where they are for one robot only.
+
+    Raises:
+        ConfigError: a family or a parameter is not known, or a value is not allowed.
+    """
+
+    families: Mapping[str, Mapping[str, float]]
+    tuned: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if unknown := sorted(set(self.families) - set(FAMILIES)):
+            raise ConfigError("safety", unknown, "among " + ", ".join(FAMILIES))
+        for family, values in self.families.items():
+            _check_family(family, values)
+
+    def applied(self, safety: FilterTuning) -> FilterTuning:
+        """Settings of the filter with these parameters in the place of their own."""
+        changed = {f: dataclasses.replace(getattr(safety, f), **v) for f, v in self.families.items()}
+        return dataclasses.replace(safety, **changed)
+
+
+def _check_family(family: str, values: object) -> None:
+    name = f"safety.{family}"
+    if not isinstance(values, Mapping):
+        raise ConfigError(name, values, "a table")
+    if unknown := sorted(set(values) - set(PARAMETERS)):
+        raise ConfigError(name, unknown, "among " + ", ".join(PARAMETERS))
+    for key, value in values.items():
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            raise ConfigError(f"{name}.{key}", value, "a number")
+    try:
+        FamilyParameters(**values)
+    except ConfigError as error:
+        raise ConfigError(f"{name}.{error.name}", error.value, error.allowed) from error
+
+
+def read_tuning(path: Path, robot: str) -> Tuning:
+    """The parameters in a file.
+
+    Args:
+        path: of the file.
+        robot: name of the robot that they are meant for.
+
+    Raises:
+        ConfigError: the file cannot be read, is no TOML, was made for another robot, names something unknown, or a
+            value is not allowed.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise ConfigError("tuning", str(path), f"a TOML file with tables [safety.<family>] ({error})") from error
+    if unknown := sorted(set(tables) - set(TABLES)):
+        raise ConfigError(f"{path}: tables", unknown, "among " + ", ".join(TABLES))
+    for table in TABLES:
+        if not isinstance(tables.get(table, {}), dict):
+            raise ConfigError(f"{path}: {table}", tables[table], "a table")
+    tuned = tables.get("tuned", {})
+    if tuned.get("robot", robot) != robot:
+        raise ConfigError(f"{path}: tuned.robot", tuned["robot"], f"{robot!r}, the robot that runs")
+    try:
+        return Tuning(tables.get("safety", {}), tuned)
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error.name}", error.value, error.allowed) from error
+
+
+def write_tuning(path: Path, tuning: Tuning) -> None:
+    """Write a file that :func:`read_tuning` reads, whole or not at all.
+
+    Raises:
+        ConfigError: it cannot be written, or ``tuned`` holds something else than numbers, strings and lists of them.
+    """
+    lines = ["# alpha [1/s] and epsilon of the safety filter's constraint families, as `safewbc tune` found them", ""]
+    lines += ["[tuned]", *(f"{key} = {_literal(key, value)}" for key, value in tuning.tuned.items())]
+    for family, values in tuning.families.items():
+        lines += ["", f"[safety.{family}]", *(f"{key} = {_literal(key, value)}" for key, value in values.items())]
+    try:
+        _replace(path, "\n".join(lines) + "\n")
+    except OSError as error:
+        raise ConfigError("tuning file", str(path), f"a file that can be written ({error})") from error
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write beside the file, then take its place: a reader sees the old text or the new one."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
+    try:
+        with os.fdopen(handle, "w", encoding="utf-8") as file:
+            file.write(text)
+        # a temporary file is its owner's alone
+        Path(name).chmod(0o644)
+        Path(name).replace(path)
+    except BaseException:
+        with suppress(OSError):
+            Path(name).unlink()
+        raise
+
+
+def _literal(key: str, value: Any) -> str:
+    """A value in TOML."""
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
+        return repr(value)
+    if isinstance(value, str):
+        return '"' + value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_literal(key, item) for item in value) + "]"
+    raise ConfigError(f"tuned.{key}", value, "a finite number, a string or a list of these")

@@ -1,0 +1,164 @@
+"""The study of parameters on robots that they were not tuned with: what is drawn, what is counted."""
+
+import dataclasses
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from controllers.tuning_file import read_tuning
+from experiments import robustness as study
+from experiments.hand_tracking import check_hand_tracking
+from experiments.options import FilterOptions, HandTrackingOptions, LateralStepsOptions, PlantOptions, WalkOptions
+from experiments.registry import experiment_of
+from experiments.robustness import (
+    BEFORE,
+    SCENARIOS,
+    Drawn,
+    check_robustness,
+    draw,
+    filter_options,
+    robustness,
+    robustness_tasks,
+    summed,
+)
+from experiments.study_options import RobustnessOptions, TuneOptions
+from experiments.tuning_scenarios import tuning_runs
+from robots.errors import ConfigError, SafeWbcError
+from robots.loader import load_robot
+from safety.rows import FAMILIES
+
+
+@pytest.mark.parametrize("scenario", SCENARIOS)
+def test_every_draw_is_allowed_within_its_ranges_and_made_again_by_its_seed(robot_name: str, scenario: str) -> None:
+    robot = load_robot(robot_name)
+    plants = []
+    for seed in range(40):
+        drawn = draw(robot, robot_name, scenario, seed)
+        assert drawn.options == draw(robot, robot_name, scenario, seed).options
+        experiment_of(drawn.options).check(drawn.options)
+        plants.append(drawn.options.plant)
+    body = {b.name: b.mass for b in robot.bodies}
+    low, high = study.STEP_MASS if scenario == "steps" else study.MASS
+    for plant in plants:
+        assert low <= plant.mass_scale <= high
+        assert 0.0 <= plant.joint_friction_scale <= 2.0
+        assert plant.actuator_delay in {0.0, 0.001, 0.002, 0.003, 0.004}
+        for hand, factor in plant.link_mass.items():
+            assert 0.0 <= (factor - 1.0) * body[hand] * plant.mass_scale <= 1.0 + 1e-12
+    # all of a range is drawn from, and other robots than those that parameters are tuned with
+    assert np.ptp([p.mass_scale for p in plants]) > 0.8 * (high - low)
+    tuned = [run.options.plant for run in tuning_runs(robot, TuneOptions(robot=robot_name))]
+    assert not [p for p in plants if p in tuned]
+
+
+def test_walks_and_side_steps_are_both_drawn() -> None:
+    kinds = {type(draw(load_robot("g1"), "g1", "steps", seed).options) for seed in range(20)}
+    assert kinds == {LateralStepsOptions, WalkOptions}
+
+
+def test_the_hands_of_a_draw_are_those_that_run() -> None:
+    robot = load_robot("g1")
+    drawn = draw(robot, "g1", "circles", 3)
+    assert drawn.hands is not None
+    short = dataclasses.replace(drawn, options=dataclasses.replace(drawn.options, duration=1.0))
+    asked = study._result(robot, short, FilterOptions(filter="none")).series["left_hand_ref"]
+    usual = study._result(robot, Drawn(short.options), FilterOptions(filter="none")).series["left_hand_ref"]
+    np.testing.assert_allclose(asked[0], usual[0], atol=1e-9)
+    assert np.abs(asked - usual).max() > 1e-3
+
+
+def test_sets_of_parameters_are_compared_on_the_same_draws(tmp_path: Path) -> None:
+    options = RobustnessOptions(robots=("tocabi",), parameters=("before", "own", "adaptive"), seeds=2)
+    tasks = robustness_tasks(options, tmp_path)
+    assert len(tasks) == 3 * 2 * len(options.scenarios)
+    for a, b, c in zip(tasks[::3], tasks[1::3], tasks[2::3], strict=True):
+        assert {(t.scenario, t.seed) for t in (a, b, c)} == {(a.scenario, a.seed)}
+        assert [t.parameters for t in (a, b, c)] == ["before", "own", "adaptive"]
+        assert a.safety.tuning == c.safety.tuning
+        assert (a.safety.adaptive, c.safety.adaptive) == (False, True)
+        assert b.safety == FilterOptions()
+        assert read_tuning(a.safety.tuning, "tocabi").families == BEFORE["tocabi"]  # type: ignore[arg-type]
+
+
+def test_before_names_every_family_that_is_tuned(tmp_path: Path) -> None:
+    for robot, families in BEFORE.items():
+        assert set(families) == set(FAMILIES) - {"custom"}
+        filter_options(load_robot(robot), "before", tmp_path)
+
+
+def row(**changes: Any) -> dict[str, Any]:
+    usual = {
+        "robot": "g1",
+        "scenario": "target",
+        "parameters": "own",
+        "below": False,
+        "min_h_self_collision_m": 0.004,
+        "min_h_joint_limit_rad": 0.2,
+        "min_h_obstacle_m": None,
+        "min_h_workspace_m": 0.1,
+        "fell": False,
+        "stop_cause": None,
+        "hand_rmse_m": 0.02,
+        "hand_rmse_outside_conflict_m": None,
+    }
+    return usual | changes
+
+
+def test_lines_of_the_table_are_shares_and_least_values() -> None:
+    rows = [
+        row(),
+        row(below=True, min_h_self_collision_m=-0.001, hand_rmse_m=0.04, hand_rmse_outside_conflict_m=0.01),
+        row(stop_cause="lost", min_h_joint_limit_rad=0.1),
+        row(fell=True),
+        row(parameters="before", min_h_obstacle_m=0.0005),
+    ]
+    own, before = summed(rows)
+    assert (own["parameters"], own["runs"], own["below"], own["ended"]) == ("own", 4, 0.25, 0.5)
+    assert (own["least_m"], own["least_rad"]) == (-0.001, 0.1)
+    assert own["rmse"] == pytest.approx(0.025)
+    assert own["rmse_outside"] == 0.01
+    assert (before["runs"], before["least_m"], before["rmse_outside"]) == (1, 0.0005, None)
+
+
+def test_a_study_writes_its_lines(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    short = HandTrackingOptions(motion="target", duration=0.3, plant=PlantOptions(mass_scale=1.1))
+    check_hand_tracking(short)
+    monkeypatch.setattr(study, "draw", lambda *args: Drawn(short))
+    options = RobustnessOptions(
+        robots=("g1",), scenarios=("target",), seeds=1, jobs=1, parameters=("before", "own"), out=tmp_path / "study"
+    )
+    assert robustness(options) == 0
+    lines = [json.loads(line) for line in (tmp_path / "study" / "rows.jsonl").read_text().splitlines()]
+    assert [line["parameters"] for line in lines] == ["before", "own"]
+    assert all(line["drawn"]["mass_scale"] == 1.1 for line in lines)
+    assert capsys.readouterr().out.count("| g1 | target |") == 2
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"seeds": 0},
+        {"first_seed": -1},
+        {"jobs": 0},
+        {"scenarios": ("dance",)},
+        {"scenarios": ()},
+        {"robots": ()},
+        {"parameters": ("missing.toml",)},
+    ],
+)
+def test_options_that_are_not_allowed_are_refused(change: dict[str, Any]) -> None:
+    with pytest.raises(SafeWbcError):
+        check_robustness(RobustnessOptions(**change))
+
+
+def test_what_was_before_is_known_of_two_robots_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    other = dataclasses.replace(load_robot("g1"), name="mine")
+    monkeypatch.setattr(study, "load_robot", lambda name: other)
+    with pytest.raises(ConfigError, match="before"):
+        check_robustness(RobustnessOptions(robots=("mine.toml",)))
+    check_robustness(RobustnessOptions(robots=("mine.toml",), parameters=("own",)))

@@ -48,6 +48,7 @@ BENCHMARKS = {
     "peers": ("bench_peers", "bench_peers", (*OF_TICK, "filters")),
     "tracking": ("tracking", "bench_tracking", OF_NONE),
     "recovery": ("recovery", "bench_recovery", OF_NONE),
+    "straight": ("straight_arms", "bench_straight", OF_NONE),
 }
 """Module and function of each benchmark, and the options that it does not use."""
 

@@ -80,6 +80,9 @@ class RunOptions:
     sensor [-]."""
     nan_at: float | None = None
     """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
+    singular: str | None = None
+    """What inverse kinematics does with small singular values: damped, so that velocities do not jump, or cut, as in
+    the paper (docs/controller.md); the robot's own tuning if not given."""
     plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
     safety: Annotated[FilterOptions, tyro.conf.arg(name="")] = field(default_factory=FilterOptions)
     output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
@@ -231,11 +234,11 @@ class BenchOptions:
     variables, where the conditions can be met and where they cannot. peers: inverse kinematics with self-collision
     avoidance of the G1, by us, mink and pink; the extra bench installs the others. tracking: how well moving obstacles
     are tracked, and what the estimated velocity is worth to the filter. recovery: how filters leave a start with the
-    arms inside the torso.
+    arms inside the torso. straight: what commands do where arms go straight, with small singular values damped and cut.
     """
 
     what: tyro.conf.Positional[
-        Literal["tick", "first", "rows", "worst", "loop", "filters", "peers", "tracking", "recovery"]
+        Literal["tick", "first", "rows", "worst", "loop", "filters", "peers", "tracking", "recovery", "straight"]
     ]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
@@ -251,7 +254,7 @@ class BenchOptions:
     solver: str = "daqp"
     """Only with tick, rows and worst: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
-    """Write the figures as JSON to this file too; of tracking and recovery also a plot, as PNG beside it."""
+    """Write the figures as JSON to this file too; of tracking, recovery and straight also a plot, as PNG beside it."""
 
 
 @dataclass(frozen=True)

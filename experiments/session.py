@@ -104,7 +104,10 @@ def control_config(robot: RobotDescription, options: RunOptions, scenario: Scena
         allowed = f"such that its period is a whole number of physics steps of {options.plant.physics_dt:g} s"
         raise ConfigError("control_rate", options.control_rate, allowed)
     own = {} if scenario is None else dict(scenario.changes)
-    return controller_config(robot, dt=dt, **(filter_changes(robot, options.safety) | own))
+    config = controller_config(robot, dt=dt, **(filter_changes(robot, options.safety) | own))
+    if options.singular is None:
+        return config
+    return dataclasses.replace(config, tasks=dataclasses.replace(config.tasks, singular=options.singular))
 
 
 def check_options(options: RunOptions) -> RobotDescription:

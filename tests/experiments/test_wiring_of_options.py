@@ -16,6 +16,7 @@ from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
 from experiments.session import STANDARD_NOISE, control_config, plant_config
 from experiments.stand import run_stand
 from robots.description import RobotDescription
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, MotorCommand
@@ -45,6 +46,16 @@ def test_both_at_once_and_the_filter_s_name(robot: RobotDescription) -> None:
     config = control_config(robot, RunOptions(safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75)))
     assert (config.safety.self_collision.alpha, config.safety.self_collision.epsilon) == (3.25, 0.75)
     assert config.filter == "cbf"
+
+
+def test_what_is_done_with_small_singular_values(robot: RobotDescription) -> None:
+    plain = control_config(robot, RunOptions())
+    assert plain.tasks.singular == "damped"
+    assert control_config(robot, RunOptions(singular="cut")) == replace(
+        plain, tasks=replace(plain.tasks, singular="cut")
+    )
+    with pytest.raises(ConfigError, match="singular"):
+        control_config(robot, RunOptions(singular="ignored"))
 
 
 @pytest.mark.parametrize("rate", [200.0, 250.0, 1000.0])

@@ -1,0 +1,163 @@
+"""Hands sent a metre out of reach: what the commanded velocity does where arms go straight, damped and cut."""
+
+import io
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.box import SIMPLE_HEAD
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from experiments.console import make_console
+from experiments.figures import Figure
+from experiments.hand_tracking import run_hand_tracking
+from experiments.options import BenchOptions, FilterOptions, HandTrackingOptions
+from robots.messages import Array
+
+TARGETS: Mapping[str, tuple[float, float, float]] = {
+    "up": (0.2, 0.2, 1.2),
+    "out": (0.2, 1.3, 0.1),
+    "ahead": (1.3, 0.2, 0.1),
+}
+"""Where the left hand is sent, from the torso's frame [m]; the right hand mirrors it."""
+
+ROBOTS = ("g1", "tocabi")
+FILTERS = ("none", "issf")
+WAYS = ("cut", "damped")
+"""Robots, safety filters and forms of KinWBC that are run."""
+
+DURATION = 5.0
+"""Of each run [s]."""
+
+LIMIT = 0.3
+"""Steps of the command above this count as jumps [rad/s]."""
+
+TABLE_WIDTH = 110
+"""Width of the table."""
+
+COLUMNS = (
+    Figure("robot", "robot"),
+    Figure("target", "target"),
+    Figure("filter", "filter"),
+    Figure("singular", "singular values"),
+    Figure("step_max", "step of the command, max", "rad/s"),
+    Figure("jumps", f"ticks with more than {LIMIT:g} rad/s"),
+    Figure("step_end", "the same in the last second, max", "rad/s"),
+    Figure("torque_step_max", "torque step / limit", "%", 1e2),
+    Figure("torque_max", "torque / limit", "%", 1e2),
+)
+
+
+def bench_straight(options: BenchOptions) -> int:
+    """Run all targets and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    console = make_console()
+    console.width = max(console.width, TABLE_WIDTH)
+    with console.status("sending the hands away"):
+        runs = straight_study()
+    print_straight(console, [figures for figures, _ in runs])
+    if options.out is not None:
+        write_study(console, options.out, runs)
+    return 0
+
+
+def write_study(console: Console, out: Path, runs: Sequence[tuple[dict[str, Any], dict[str, Array]]]) -> None:
+    """Write the figures as JSON to ``out`` and the plot as PNG beside it."""
+    out.write_text(json.dumps([figures for figures, _ in runs], indent=2) + "\n", encoding="utf-8")
+    plot = out.with_suffix(".png")
+    plot.write_bytes(straight_plot(runs))
+    console.print(f"figures: {out}\nplot:    {plot}")
+
+
+def print_straight(console: Console, rows: Sequence[Mapping[str, Any]]) -> None:
+    """Print the figures as a table."""
+    table = Table(title=f"hands out of reach, {DURATION:g} s", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
+    for column in COLUMNS:
+        heading = Text(f"{column.words}\n[{column.unit}]" if column.unit else column.words)
+        table.add_column(heading, justify="left" if isinstance(rows[0][column.key], str) else "right")
+    for row in rows:
+        table.add_row(*(column.text(row[column.key]) for column in COLUMNS))
+    console.print(table)
+
+
+def straight_study(
+    robots: Sequence[str] = ROBOTS,
+    targets: Sequence[str] = tuple(TARGETS),
+    filters: Sequence[str] = FILTERS,
+    duration: float = DURATION,
+) -> list[tuple[dict[str, Any], dict[str, Array]]]:
+    """Figures and series of every robot, target and filter, with singular values cut off and damped."""
+    runs: list[tuple[dict[str, Any], dict[str, Array]]] = []
+    for robot in robots:
+        for target in targets:
+            for name in filters:
+                for way in WAYS:
+                    options = HandTrackingOptions(
+                        robot=robot,
+                        duration=duration,
+                        motion="target",
+                        target=TARGETS[target],
+                        singular=way,
+                        safety=FilterOptions(filter=name),
+                    )
+                    result = run_hand_tracking(options)
+                    case = {"robot": robot, "target": target, "filter": name, "singular": way}
+                    figures = step_figures(result.series, result.config["controller"]["dt"])
+                    figures |= {key: result.summary[key] for key in ("torque_step_max",)}
+                    figures["torque_max"] = result.summary["max_torque_fraction"]
+                    runs.append((case | figures, dict(result.series)))
+    return runs
+
+
+def step_figures(series: Mapping[str, Array], dt: float) -> dict[str, Any]:
+    """How much the joints' commanded velocity changes from tick to tick, in a run with ticks of ``dt`` [s]."""
+    steps = command_steps(series)
+    return {
+        "step_max": float(steps.max()),
+        "jumps": int((steps > LIMIT).sum()),
+        "step_end": float(steps[-round(1.0 / dt) :].max()),
+    }
+
+
+def command_steps(series: Mapping[str, Array]) -> Array:
+    """Largest change of a joint's commanded velocity from each tick to the next, shape (ticks - 1,) [rad/s]."""
+    steps: Array = np.abs(np.diff(series["v_safe"][:, 6:], axis=0)).max(axis=1)
+    return steps
+
+
+def straight_plot(runs: Sequence[tuple[dict[str, Any], dict[str, Array]]], target: str = "up") -> bytes:
+    """Commanded velocity of the left elbow and largest step of all joints' over time, without a filter; a PNG."""
+    from matplotlib.figure import Figure as Drawing
+
+    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from robots.loader import load_robot
+
+    robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
+    drawing = Drawing(figsize=(WIDTH, 5.6), dpi=DPI, layout="constrained")
+    axes = drawing.subplots(2, len(robots), sharex=True, squeeze=False)
+    for figures, series in runs:
+        if figures["filter"] != "none" or figures["target"] != target:
+            continue
+        column, colour = robots.index(figures["robot"]), FILTERED[1 - WAYS.index(figures["singular"])]
+        names = load_robot(figures["robot"]).joint_names
+        elbow = next(i for i, n in enumerate(names) if "elbow" in n.lower() and n.lower().startswith("l"))
+        style = {"color": colour, "lw": 1.0, "label": figures["singular"]}
+        axes[0, column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
+        axes[1, column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
+        axes[0, column].set_title(figures["robot"], fontsize=9, color=INK, fontweight="bold")
+    for axis in axes.ravel():
+        axis.grid(True, color=GRID, lw=0.8)
+        axis.tick_params(colors=INK, labelsize=8, length=0)
+        axis.spines[["top", "right"]].set_visible(False)
+    axes[0, 0].set_ylabel("left elbow, command [rad/s]", fontsize=8.5, color=INK)
+    axes[1, 0].set_ylabel("step of the command [rad/s]", fontsize=8.5, color=INK)
+    for axis in axes[1]:
+        axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
+    handles, labels = axes[0, 0].get_legend_handles_labels()
+    drawing.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=8.5)
+    buffer = io.BytesIO()
+    drawing.savefig(buffer, format="png")
+    return buffer.getvalue()

@@ -38,6 +38,10 @@ to a share of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-
 velocity that is followed to within :math:`\delta < r'` (in the rate of h) brings it to :math:`-d\,\delta/r'`. Rows
 that contradict each other share what can be had, in the least squares' sense: of these nothing is promised but the
 bounds above. r-SSA relaxes what is asked by its own price on top, as it does everywhere.
+
+The search for :math:`v^r` has a budget (:data:`wbc.active_set.ROUNDS`). Where it is spent, or the rows that hold
+contradict each other, it is done once more without those; where that has no answer either, :math:`D_i''` is asked of
+each row alone.
 """
 
 from collections.abc import Callable
@@ -49,7 +53,8 @@ from robots.checks import require_positive
 from robots.messages import Array, Mask
 from safety.conditions import RowParameters
 from safety.rows import BarrierRows, HalfSpaces
-from wbc.qp import UNBOUNDED, QpSolver, make_solver
+from wbc.active_set import OPTIMAL, ActiveSet
+from wbc.qp import UNBOUNDED
 
 SOFT_ROWS = 64
 """So many lost rows are weighed against each other, the deepest; what the others ask for is cut to what comes of it."""
@@ -113,7 +118,7 @@ class Recovery:
         self._soft, self._n_rows = min(SOFT_ROWS, n_rows), n_rows
         self._last = self._correction = np.zeros(nv)
         self._moved, self._waited = 0.0, RELEASE
-        self._solver: QpSolver | None = None
+        self._search: ActiveSet | None = None
 
     def reset(self) -> None:
         """The last command is rest, and no row was lost."""
@@ -212,10 +217,11 @@ class Recovery:
         self, A: Array, held: Array, soft: Array, asked: Array, nominal: Array, hessian: Array, limit: Array
     ) -> Array | None:
         n, k, m = nominal.size, self._soft, self._n_rows
-        if self._solver is None:
-            self._solver = make_solver("daqp", n, k + m, np.concatenate([np.ones(k), np.full(m, np.inf)]))
+        if self._search is None:
+            softness = np.concatenate([np.zeros(n), np.ones(k), np.zeros(m)])
+            self._search = ActiveSet(n, k + m, softness)
         matrix = np.concatenate([soft, np.tile(np.eye(1, n), (k - len(soft), 1)), A])
         lower = np.concatenate([-limit, asked, np.full(k - len(soft), -UNBOUNDED), held])
         upper = np.concatenate([limit, np.full(k + m, UNBOUNDED)])
-        solution = self._solver.solve(hessian, -(hessian @ nominal), matrix, lower, upper)
-        return solution.x if solution.status == "optimal" else None
+        outcome, x = self._search.solve(hessian, -(hessian @ nominal), matrix, lower, upper, np.empty(n + k + m))
+        return x if outcome == OPTIMAL else None

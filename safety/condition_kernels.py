@@ -3,15 +3,15 @@
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR
 from robots.messages import Array, Indices, Mask
-from safety.kernels import MATRIX, REORDERED, VECTOR
 
 
 @njit(
     types.boolean(MATRIX, VECTOR, VECTOR, types.float64, types.boolean[::1], types.float64[::1]),
     cache=True,
     error_model="numpy",
-    fastmath=REORDERED,
+    fastmath=ORDER_FREE,
 )
 def add_violated(A: Array, v: Array, b: Array, beyond: float, chosen: Mask, out: Array) -> bool:
     """Writes :func:`room` to ``out`` (n,), and adds to ``chosen`` (n,) the rows violated by more than ``beyond``.

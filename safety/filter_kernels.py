@@ -1,25 +1,19 @@
 """Compiled passes of a filter over all its rows: numbers and room at the nominal input, the metric, the verdict."""
 
 import math
-from typing import Any
 
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, TYPES, VECTOR
 from robots.messages import Array, Mask
-from safety.kernels import MATRIX, REORDERED, VECTOR
 from wbc.qp import UNBOUNDED
-
-TYPES: Any = types
-"""Numba's types, which it has not annotated."""
-
-OUT = types.float64[::1]
 
 
 @njit(
     TYPES.UniTuple(types.float64, 2)(VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.boolean[::1]),
     cache=True,
     error_model="numpy",
-    fastmath=REORDERED,
+    fastmath=ORDER_FREE,
 )
 def survey(
     h: Array, drift: Array, A: Array, b: Array, v: Array, lower: Array, upper: Array, violated: Mask
@@ -61,7 +55,7 @@ def survey(
     return total, least if numbers else math.nan
 
 
-@njit(cache=True, error_model="numpy", fastmath=REORDERED)
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
     """Adds weight J^T J to the upper triangle."""
     if weight <= 0.0:
@@ -74,10 +68,10 @@ def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
 
 
 @njit(
-    TYPES.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
+    types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
     cache=True,
     error_model="numpy",
-    fastmath=REORDERED,
+    fastmath=ORDER_FREE,
 )
 def metric(
     feet: Array, balance: Array, hands: Array, w_f: float, w_b: float, w_h: float, v: Array, hessian: Array
@@ -109,7 +103,7 @@ def metric(
     TYPES.Tuple((types.int64, types.float64, types.int64))(VECTOR, types.float64),
     cache=True,
     error_model="numpy",
-    fastmath=REORDERED,
+    fastmath=ORDER_FREE,
 )
 def tally(room: Array, close: float) -> tuple[int, float, int]:
     """The row with the least of ``room`` (n,), that room, and how many have less than ``close``.

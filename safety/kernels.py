@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR
 from robots.messages import Array, Indices
 
 NO_DIRECTION = 1e-9
@@ -13,15 +14,8 @@ NO_DIRECTION = 1e-9
 ALIGNED = 1e-12
 """Free directions whose Gram determinant is below this count as one: points slide the same along either."""
 
-REORDERED = {"reassoc", "contract"}
-"""Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
-
 SINGLE_THREADED = 9216
 """Numbers in a matrix up to which BLAS multiplies it alone; for more it starts threads, and waits for them."""
-
-VECTOR = types.Array(types.float64, 1, "C", readonly=True)
-MATRIX = types.Array(types.float64, 2, "C", readonly=True)
-"""Types given in advance: compiled at import, not in the tick that needs it first."""
 
 
 def all_numbers(h: Array, drift: Array, jac: Array) -> bool:
@@ -29,7 +23,7 @@ def all_numbers(h: Array, drift: Array, jac: Array) -> bool:
     return math.isfinite(_total(_packed(h), _packed(drift), _packed(jac)))
 
 
-@njit(types.float64(VECTOR, VECTOR, MATRIX), cache=True, error_model="numpy", fastmath=REORDERED)
+@njit(types.float64(VECTOR, VECTOR, MATRIX), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _total(h: Array, drift: Array, jac: Array) -> float:
     """Sum of all: not finite where one of them is not."""
     out = 0.0
@@ -54,7 +48,7 @@ def _packed(array: Array) -> Array:
     return np.ascontiguousarray(array, dtype=float)
 
 
-@njit(types.void(MATRIX, VECTOR, VECTOR, types.float64[::1]), cache=True, error_model="numpy", fastmath=REORDERED)
+@njit(types.void(MATRIX, VECTOR, VECTOR, types.float64[::1]), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _room(A: Array, v: Array, b: Array, out: Array) -> None:
     for i in range(b.size):
         value = 0.0

@@ -184,8 +184,8 @@ class Compromise:
 class SlackQp:
     r"""The input that trades distance to the nominal one against violation.
 
-    .. math:: \min_{v, s} \|v - v^{des}\|_H^2 + 	frac12 \sum_i Q_i s_i^2
-        \quad	ext{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
+    .. math:: \min_{v, s} \|v - v^{des}\|_H^2 + \tfrac12 \sum_i Q_i s_i^2
+        \quad\text{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
 
     There is always an answer, and it may violate conditions that could be held. Source: eq. (10) of the p-SSA paper
     with p = 2.

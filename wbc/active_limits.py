@@ -6,9 +6,10 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from robots.kernel_types import ORDER_FREE
 from robots.messages import Array, Indices, Mask
 from wbc.limits import NOTHING, Limits
-from wbc.triangular import ORDER_FREE, backward, forward, product
+from wbc.triangular import backward, forward, product
 
 WRONG_SIGN = 1e-12
 """Share of the largest multiplier by which one may have the wrong sign."""

@@ -5,6 +5,7 @@ import math
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 from robots.messages import Array, Indices
 from wbc.active_limits import (
     WRONG_SIGN,
@@ -19,7 +20,7 @@ from wbc.active_limits import (
     substitute,
 )
 from wbc.limits import Limits, worst_of, worst_of_all
-from wbc.triangular import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR, backward, factorise, forward, product
+from wbc.triangular import backward, factorise, forward, product
 
 DEPENDENT = 1e-11
 """Share of its squared length that has to be left of a limit beside the active ones, for it to join them."""

@@ -34,8 +34,9 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, OUT_ROWS, PLACES, VECTOR
 from robots.messages import Array, Indices
-from wbc.task_kernels import MATRIX, OUT, OUT_ROWS, VECTOR
+from wbc.posture import add_damped_posture, add_posture, project
 
 SWEEPS = 10
 """Passes over all pairs of rows while they are made orthogonal; convergence is quadratic, 5 or 6 are usual."""
@@ -45,14 +46,6 @@ ORTHOGONAL = 1e-15
 
 UNUSED = 1e-16
 """Share of a direction below which it counts as left to the levels below as a whole."""
-
-RIDGE = 1e-9
-"""rho, on directions that move no joint: the posture leaves them alone."""
-
-SUMS = {"reassoc", "contract"}
-"""Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
-
-SIZES = types.Array(types.int64, 1, "C", readonly=True)
 
 
 def damped_velocity(
@@ -73,19 +66,7 @@ def damped_velocity(
     return solve_levels(jacobian, command, sizes, thresholds, np.zeros(0) if posture is None else posture)
 
 
-@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=SUMS)
-def _project(directions: Array, shares: Array, count: int, row: Array) -> None:
-    """Row times Z, in place: takes off the share of each of the ``count`` directions, the first first."""
-    for d in range(count):
-        direction, along = directions[d], 0.0
-        for j in range(row.size):
-            along += direction[j] * row[j]
-        along *= shares[d]
-        for j in range(row.size):
-            row[j] -= along * direction[j]
-
-
-@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _move(directions: Array, shares: Array, count: int, step: Array) -> None:
     """Z times a step, in place; a step has no part along the directions that are used as a whole."""
     for d in range(count - 1, -1, -1):
@@ -126,7 +107,7 @@ def _certainly_above(low: Array, threshold: float) -> bool:
     return total < limit * limit
 
 
-@njit(types.boolean(OUT_ROWS, OUT, types.float64, OUT_ROWS), cache=True, error_model="numpy", fastmath=SUMS)
+@njit(types.boolean(OUT_ROWS, OUT, types.float64, OUT_ROWS), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _solve_regular(rows: Array, residual: Array, threshold: float, basis: Array) -> bool:
     """Try a level whose singular values are all above the threshold: Gram and Schmidt, then forward substitution.
 
@@ -164,7 +145,7 @@ def _solve_regular(rows: Array, residual: Array, threshold: float, basis: Array)
     return True
 
 
-@njit(types.void(OUT_ROWS, OUT), cache=True, error_model="numpy", fastmath=SUMS)
+@njit(types.void(OUT_ROWS, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _orthogonalise(rows: Array, residual: Array) -> None:
     """Turn rows (m, nv) and what they ask for (m,) so that the rows are orthogonal: U^T J and U^T r of an SVD.
 
@@ -201,7 +182,7 @@ def _orthogonalise(rows: Array, residual: Array) -> None:
     types.int64(OUT_ROWS, OUT, types.float64, OUT_ROWS, OUT, types.int64, OUT),
     cache=True,
     error_model="numpy",
-    fastmath=SUMS,
+    fastmath=ORDER_FREE,
 )
 def _solve_damped(
     rows: Array, residual: Array, threshold: float, directions: Array, shares: Array, count: int, step: Array
@@ -229,93 +210,11 @@ def _solve_damped(
     return count
 
 
-@njit(types.boolean(OUT_ROWS, OUT), cache=True, error_model="numpy", fastmath=SUMS)
-def solve_definite(matrix: Array, x: Array) -> bool:
-    """Solve A x = b in place of b (n,), by Cholesky in place of A (n, n); False where it is not definite."""
-    n = x.size
-    for i in range(n):
-        row = matrix[i]
-        for j in range(i + 1):
-            other, total = matrix[j], row[j]
-            for k in range(j):
-                total -= row[k] * other[k]
-            if j < i:
-                row[j] = total / other[j]
-            elif total > 0.0:
-                row[i] = math.sqrt(total)
-            else:
-                return False
-        total = x[i]
-        for k in range(i):
-            total -= row[k] * x[k]
-        x[i] = total / row[i]
-    for i in range(n - 1, -1, -1):
-        x[i] /= matrix[i, i]
-        for k in range(i):
-            x[k] -= matrix[i, k] * x[i]
-    return True
-
-
-@njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy")
-def _add_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
-    """The posture's step where no direction is damped.
-
-    Its normal equations (S N)^T S N + rho with N = I - Q^T Q are solved through the base's few columns B of Q:
-    x = N (S^T r + b) / (1 + rho), (B^T B + rho) b = base of N S^T r.
-    """
-    nv = velocity.size
-    base = nv - residual.size
-    step, push = np.zeros(nv), np.zeros(nv)
-    step[base:] = residual
-    _project(directions, shares, count, step)
-    used = np.zeros((base, base))
-    for d in range(count):
-        for i in range(base):
-            for j in range(base):
-                used[i, j] += directions[d, i] * directions[d, j]
-    for i in range(base):
-        used[i, i] += RIDGE
-        push[i] = step[i]
-    if solve_definite(used, push[:base]):
-        _project(directions, shares, count, push)
-        for j in range(nv):
-            step[j] += push[j]
-    for j in range(nv):
-        velocity[j] += step[j] / (1.0 + RIDGE)
-
-
-@njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy", fastmath=SUMS)
-def _add_damped_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
-    """The posture's step where some directions are damped: the normal equations of this module's last formula."""
-    nv, nj = velocity.size, residual.size
-    rows, wanted = np.zeros((nj + count, nv)), np.zeros(nj + count)
-    wanted[:nj] = residual
-    for i in range(nj):
-        rows[i, nv - nj + i] = 1.0
-        _project(directions, shares, count, rows[i])
-    for d in range(count):
-        for j in range(nv):
-            rows[nj + d, j] = shares[d] * directions[d, j]
-    normal, step = np.dot(rows.T, rows), np.dot(rows.T, wanted)
-    for i in range(nv):
-        normal[i, i] += RIDGE
-    if solve_definite(normal, step):
-        # what rounding left along directions that are used as a whole
-        for d in range(count - 1, -1, -1):
-            along = 0.0
-            for j in range(nv):
-                along += directions[d, j] * step[j]
-            for j in range(nv):
-                step[j] -= shares[d] * along * directions[d, j]
-        for j in range(nv):
-            velocity[j] += step[j]
-
-
 @njit(
     types.int64(MATRIX, VECTOR, types.float64, OUT_ROWS, OUT, types.int64, OUT),
     cache=True,
     error_model="numpy",
-    fastmath=SUMS,
+    fastmath=ORDER_FREE,
 )
 def _add_level(
     jacobian: Array, command: Array, threshold: float, directions: Array, shares: Array, count: int, velocity: Array
@@ -329,7 +228,7 @@ def _add_level(
             row[j] = source[j]
             moved += source[j] * velocity[j]
         residual[i] = command[i] - moved
-        _project(directions, shares, count, row)
+        project(directions, shares, count, row)
     used = count
     if _solve_regular(rows, residual, threshold, directions[count : count + size]):
         for i in range(size):
@@ -346,7 +245,7 @@ def _add_level(
     return used
 
 
-@njit(types.float64[::1](MATRIX, VECTOR, SIZES, VECTOR, VECTOR), cache=True, error_model="numpy", fastmath=SUMS)
+@njit(types.float64[::1](MATRIX, VECTOR, PLACES, VECTOR, VECTOR), cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def solve_levels(jacobian: Array, command: Array, sizes: Indices, thresholds: Array, posture: Array) -> Array:
     """Velocity (nv,), new, of stacked levels: see this module.
 
@@ -369,7 +268,7 @@ def solve_levels(jacobian: Array, command: Array, sizes: Indices, thresholds: Ar
         for d in range(count):
             damped |= shares[d] < 1.0
         if damped:
-            _add_damped_posture(directions, shares, count, left, velocity)
+            add_damped_posture(directions, shares, count, left, velocity)
         else:
-            _add_posture(directions, shares, count, left, velocity)
+            add_posture(directions, shares, count, left, velocity)
     return velocity

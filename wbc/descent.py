@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 from robots.messages import Array, Indices, Mask
 from wbc.active_set import OPTIMAL, SPENT, UNKNOWN, search
-from wbc.triangular import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 
 TRIALS = 30
 """Step lengths tried along one of them."""

@@ -5,10 +5,8 @@ import math
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import COLUMNS, MATRIX, OUT, OUT_ROWS, PLACES, VECTOR
 from robots.messages import Array, Indices
-from wbc.task_kernels import COLUMNS, MATRIX, OUT, OUT_ROWS, VECTOR
-
-PLACES = types.Array(types.int64, 1, "C", readonly=True)
 
 
 @njit(types.float64(types.Array(types.float64, 2, "A", readonly=True), PLACES), cache=True)

@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 from numba import njit
 
+from robots.kernel_types import ORDER_FREE
 from robots.messages import Array, Indices, Mask
-from wbc.triangular import ORDER_FREE, product
+from wbc.triangular import product
 
 TOLERANCE = 1e-9
 """Largest violation of a limit at an optimum; of a row shorter than 1 at unit length."""

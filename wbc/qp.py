@@ -11,6 +11,7 @@ from numba import njit, types
 
 from robots.checks import require_one_of
 from robots.errors import ConfigError
+from robots.kernel_types import MATRIX, VECTOR
 from robots.messages import Array
 from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
 from wbc.limits import TOLERANCE
@@ -35,10 +36,6 @@ PROXQP_BUDGET = 200
 
 SHORT, NOTHING = 1e-8, 1e-30
 """Rows with a squared length between these are given to daqp at unit length: it has those below 1e-11 for zero."""
-
-VECTOR = types.Array(types.float64, 1, "C", readonly=True)
-MATRIX = types.Array(types.float64, 2, "C", readonly=True)
-"""Types of a kernel that is compiled at import, not when it is first needed."""
 
 SOUND, BROKEN, CROSSED, WITH_SHORT_ROWS = 0, 1, 2, 3
 """What a look at a problem finds."""

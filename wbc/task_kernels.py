@@ -5,15 +5,8 @@ import math
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import COLUMNS, MATRIX, OUT, OUT_ROWS, TABLE, VECTOR
 from robots.messages import Array, Indices
-
-VECTOR = types.Array(types.float64, 1, "C", readonly=True)
-MATRIX = types.Array(types.float64, 2, "C", readonly=True)
-COLUMNS = types.Array(types.float64, 2, "F", readonly=True)
-TABLE = types.Array(types.int64, 2, "C", readonly=True)
-OUT = types.float64[::1]
-OUT_ROWS = types.float64[:, ::1]
-"""Types given in advance: compiled at import, not in the tick that needs it first."""
 
 POSITION, ORIENTATION, POSE = 1, 2, 3
 """What of a frame a task is about; the bits of ``POSE`` are the other two."""

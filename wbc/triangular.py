@@ -1,22 +1,11 @@
-"""Triangular factors and products, compiled, for :mod:`wbc.active_set`."""
+"""Triangular factors and products, compiled."""
 
 import math
-from typing import Any
 
-from numba import njit, types
+from numba import njit
 
+from robots.kernel_types import ORDER_FREE
 from robots.messages import Array
-
-ORDER_FREE = {"reassoc", "contract"}
-"""Sums may be taken in any order; NaN and infinity are not lost."""
-
-TYPES: Any = types
-"""Numba's types, which it has not annotated."""
-
-VECTOR = TYPES.Array(types.float64, 1, "C", readonly=True)
-MATRIX = TYPES.Array(types.float64, 2, "C", readonly=True)
-OUT = types.float64[::1]
-"""Of kernels that are compiled at import, not when they are first needed."""
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)

@@ -3,15 +3,12 @@
 import numpy as np
 from numba import njit, types
 
+from robots.kernel_types import COLUMNS, FLAGS, MATRIX, PLACES, VECTOR
 from robots.messages import Array, Indices, Mask
 from robots.rotation import skew
-from wbc.task_kernels import COLUMNS, MATRIX, VECTOR
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2], as in pinocchio and MuJoCo."""
-
-CONTACT = types.Array(types.boolean, 1, "C", readonly=True)
-PLACES = types.Array(types.int64, 1, "C", readonly=True)
 
 
 @njit(types.float64(types.float64, types.float64), cache=True, error_model="numpy")
@@ -63,7 +60,7 @@ def distribute_wrench(
     return out
 
 
-@njit(types.float64[::1](VECTOR, MATRIX, CONTACT, VECTOR), cache=True, error_model="numpy")
+@njit(types.float64[::1](VECTOR, MATRIX, FLAGS, VECTOR), cache=True, error_model="numpy")
 def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask, load_limits: Array) -> Array:
     """Share of the vertical force on each of two feet: the ZMP's place on the line between their centres.
 
@@ -93,7 +90,7 @@ def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask, load_limits: Arr
 
 
 @njit(
-    types.float64[::1](types.float64, VECTOR, COLUMNS, VECTOR, MATRIX, PLACES, CONTACT, VECTOR, MATRIX),
+    types.float64[::1](types.float64, VECTOR, COLUMNS, VECTOR, MATRIX, PLACES, FLAGS, VECTOR, MATRIX),
     cache=True,
     error_model="numpy",
 )

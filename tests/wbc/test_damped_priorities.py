@@ -13,8 +13,9 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from wbc.damped_priorities import RIDGE, damped_velocity, solve_definite
+from wbc.damped_priorities import damped_velocity
 from wbc.kinwbc import KinWbc, Level, prioritised_velocity
+from wbc.posture import RIDGE
 from wbc.tasks import FramePositionTask, PostureTask, TaskGains
 
 seeds = st.integers(0, 2**32 - 1)
@@ -196,17 +197,6 @@ def test_what_is_not_a_number_ends_soon_and_is_not_hidden(bad: float) -> None:
     assert not np.isfinite(damped_velocity(levels, NV, [0.1] * 3, np.zeros(NV - 6))).all()
     levels[1][0][2, 3], levels[1][1][0] = 0.0, bad
     assert not np.isfinite(damped_velocity(levels, NV, [0.1] * 3, np.zeros(NV - 6))).all()
-
-
-@given(seeds, st.integers(1, 12))
-def test_definite_equations_are_solved_and_others_refused(seed: int, n: int) -> None:
-    rng = np.random.default_rng(seed)
-    factor = rng.normal(size=(n, n))
-    matrix, right = factor @ factor.T + np.eye(n), rng.normal(size=n)
-    x = right.copy()
-    assert solve_definite(matrix.copy(), x)
-    np.testing.assert_allclose(matrix @ x, right, rtol=0, atol=1e-9)
-    assert not solve_definite(matrix - 2.0 * np.linalg.eigvalsh(matrix)[-1] * np.eye(n), right.copy())
 
 
 # --- in the stack of a robot

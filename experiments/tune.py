@@ -20,6 +20,9 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
 
+TABLE_WIDTH = 130
+"""Width of the table."""
+
 OVERSHOOT = 0.25
 """Largest alpha times the motors' time constant and delay.
 
@@ -35,6 +38,8 @@ def tune(options: TuneOptions) -> int:
     """
     robot = check_tune(options)
     console = make_console()
+    # the table is wider than what is taken for the width of a pipe
+    console.width = max(console.width, TABLE_WIDTH)
     with results_folder(OutputOptions(out=options.out), "tune") as folder:
         warm_up(console, robot)
         before = start_choices(robot, options)

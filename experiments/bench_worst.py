@@ -189,6 +189,8 @@ def _run(course: Course, log: Log, collections: Collections) -> None:
         if i and i % EPISODE == 0:
             course.restart()
         state, reference, obstacles = course.prepare()
+        # what the scene itself has made since the last tick is not to trigger a collection in this one
+        gc.collect(0)
         collections.counting = True
         used, began = thread_time(), perf_counter()
         result = course.supervisor.tick(state, reference, obstacles)[1]

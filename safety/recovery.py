@@ -5,12 +5,14 @@ start 11 cm inside asks for 0.7 m/s at once, and bodies that deep overlap with s
 contradict each other: what meets them all is tens of rad/s. So where a row below its *recovery depth*,
 :math:`h_i < -d_i`, asks for something sudden (``SUDDEN``), what rows with :math:`h_i < 0` ask for is eased, until none
 is left and what came of it is used up. A row that sinks as deep while the command does what is asked eases nothing.
-Rows with :math:`h_i \ge 0` are left as they are, and go before the others. With :math:`D_i(h)` what the condition asks
-of :math:`\dot h_i`, v' the last command and :math:`\theta_i = \min(1, -h_i / d_i)`:
+Rows with :math:`h_i \ge 0` go before the others. Of what they ask, what keeps them from falling counts at once, what is
+to bring them away from their boundary grows as gradually. With :math:`D_i(h)` what the condition asks of
+:math:`\dot h_i`, v' the last command and :math:`\theta_i = \min(1, -h_i / d_i)`, 0 where :math:`h_i \ge 0`:
 
 .. math::
-    D_i' &= \min(\max(D_i(h_i),\; \theta_i r_i),\; D_i(0) + r_i) \\
-    D_i'' &= D_i' - \theta_i \max(0,\; D_i' - (J_i v' + \partial_t h_i + a_i\,dt)) \\
+    D_i' &= \min(\max(D_i(h_i),\; \theta_i r_i),\; D_i(0) + r_i) \quad (h_i < 0), \qquad D_i(h_i) \quad (h_i \ge 0) \\
+    R_i &= J_i v' + \partial_t h_i + a_i\,dt \\
+    D_i'' &= (1 - \theta_i) \min(D_i',\; \max(0, R_i)) + \theta_i \min(D_i', R_i) \\
     v^r &= \arg\min_v \|v - \bar v\|_H^2 + \sum_{h_i < 0} \frac{\kappa}{\theta_i J_i H^{-1} J_i^T}
         \max(0,\; D_i'' - J_i v - \partial_t h_i)^2
 
@@ -20,9 +22,9 @@ that, ``HELD``, while a row is lost). The filter is then given :math:`\bar v`, a
 :math:`\min(D_i'', J_i v^r + \partial_t h_i)` of the lost rows. So
 
 - nothing is asked to leave faster than :math:`D_i(0) + r_i`, nor to become faster by more than :math:`a_i\,dt` a tick
-  once it is deeper than :math:`d_i`;
-- v' meets those rows to within :math:`a_i\,dt`, so as far as turns of :math:`J_i` and the rows that hold leave it alone
-  the command moves by at most
+  where it does not fall;
+- v' meets rows deeper than :math:`d_i` to within :math:`a_i\,dt`, so as far as turns of :math:`J_i` and the rows that
+  hold leave it alone the command moves by at most
   :math:`\|v - v'\|_H \le 2 \|\bar v - v'\|_H + (\kappa \sum_i (a_i\,dt)^2 / (\theta_i J_i H^{-1} J_i^T))^{1/2}` a tick,
   however much the lost rows contradict each other;
 - what the rows ask for is continuous in h, and for :math:`h_i \to 0` a row is as hard as any.
@@ -162,8 +164,9 @@ class Recovery:
         if not lost.any():
             return Eased(spaces, nominal)
         theta = np.clip(-rows.h / parameters.recovery_depth, 0.0, 1.0)
-        b = spaces.b.copy()
-        b[lost] = self._bounded(rows, spaces, condition, parameters, theta)[lost]
+        reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
+        b = np.where(lost, spaces.b, np.minimum(spaces.b, np.maximum(reached, -rows.drift)))
+        b[lost] = self._bounded(rows, spaces, condition, parameters, theta, reached)[lost]
         v = self._compromise(spaces.A, b, lost, theta, nominal, metric(), limit)
         if v is not None:
             b[lost] = np.minimum(b, spaces.A @ v - ROUNDING)[lost]
@@ -186,13 +189,14 @@ class Recovery:
         condition: Callable[[BarrierRows, RowParameters], HalfSpaces],
         parameters: RowParameters,
         theta: Array,
+        reached: Array,
     ) -> Array:
         """What lost rows may ask of the velocity, bounded in speed and acceleration, shape (n,)."""
         speed = parameters.recovery_speed
         at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
         b = np.clip(spaces.b, theta * speed - rows.drift, at_zero + speed)
-        reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
-        return b - theta * np.maximum(0.0, b - reached)
+        resting = np.minimum(b, np.maximum(reached, -rows.drift))
+        return (1.0 - theta) * resting + theta * np.minimum(b, reached)
 
     def _compromise(
         self, A: Array, b: Array, lost: Mask, theta: Array, nominal: Array, hessian: Array, limit: Array

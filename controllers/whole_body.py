@@ -81,9 +81,8 @@ class WholeBodyController:
     ) -> None:
         self.robot = robot
         self.config = config
-        self._kinds = tuple(obstacle_kinds)
         self._make_twin = partial(
-            WholeBodyController, robot, config, with_hands, self._kinds, extra_barriers=extra_barriers
+            WholeBodyController, robot, config, with_hands, tuple(obstacle_kinds), extra_barriers=extra_barriers
         )
         self.kin = Kinematics(robot)
         self._clock = clock
@@ -138,7 +137,8 @@ class WholeBodyController:
         ``extra_barriers`` is called once more. Takes some 0.2 s, where the kernels have to be compiled some 20 s.
         """
         twin = self._make_twin()
-        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, self._kinds):
+        kinds = () if twin._obstacles is None else twin._obstacles.kinds
+        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, kinds):
             twin.tick(state, reference, obstacles)
         self.filter.prepare(twin.barriers.evaluate(twin.kin).family)
 

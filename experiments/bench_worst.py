@@ -46,8 +46,10 @@ STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.U
 
 LEGEND = """median to max: of a whole tick by the clock on the wall [ms]. CPU: the same by the time that the thread had
 a processor: what the operating system gave to others is not in it. late: ticks longer than 2 ms; in a row: most of them
-one after another. gc: collections of Python's collector that began within a tick. heap: blocks more in use after the
-last tick than after the first that counts. RSS: by how much the largest memory of the process grew meanwhile [MB]."""
+one after another. gc: collections of Python's collector that began within a tick; the sequence's own objects set them
+off too. kept: containers more after a tick than before it, on average: what a tick itself adds to what sets them off.
+heap: blocks more in use after the last tick than after the first that counts. RSS: by how much the largest memory of
+the process grew meanwhile [MB]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +94,9 @@ class Figures:
         statuses: number of ticks by what the filter said.
         unsolved: ticks on which DynWBC had no answer.
         stops: how often the supervisor stopped the robot; it was then put back.
-        collections: of Python's collector that began within a tick.
+        collections: of Python's collector that began within a tick, set off by what the sequence itself makes too.
+        kept: containers that the collector knows of, more after a tick than before it, on average: what a tick adds to
+            the number that sets it off.
         heap_blocks: blocks of memory more in use at the end than at the beginning.
         rss_mb: growth of the largest resident memory [MB].
     """
@@ -107,6 +111,7 @@ class Figures:
     unsolved: int
     stops: int
     collections: int
+    kept: float
     heap_blocks: int
     rss_mb: float
 
@@ -137,6 +142,7 @@ class Log:
         self.wall, self.cpu = np.full(ticks, np.nan), np.full(ticks, np.nan)
         self.stages = np.full((ticks, len(STAGES)), np.nan)
         self.status = np.full(ticks, -1, dtype=np.int8)
+        self.kept = np.full(ticks, np.nan)
         self.unsolved = np.zeros(ticks, dtype=bool)
         self.stopped = np.zeros(ticks, dtype=bool)
 
@@ -177,6 +183,7 @@ def play(course: Course, ticks: int) -> Figures:
         int(log.unsolved.sum()),
         int(log.stopped.sum()),
         collections.count,
+        float(np.nanmean(log.kept)),
         blocks,
         memory,
     )
@@ -189,13 +196,14 @@ def _run(course: Course, log: Log, collections: Collections) -> None:
         if i and i % EPISODE == 0:
             course.restart()
         state, reference, obstacles = course.prepare()
-        # what the scene itself has made since the last tick is not to trigger a collection in this one
-        gc.collect(0)
+        kept, before = gc.get_count()[0], collections.count
         collections.counting = True
         used, began = thread_time(), perf_counter()
         result = course.supervisor.tick(state, reference, obstacles)[1]
         log.wall[i], log.cpu[i] = perf_counter() - began, thread_time() - used
         collections.counting = False
+        if collections.count == before:
+            log.kept[i] = gc.get_count()[0] - kept
         if result is not None:
             log.stages[i], log.status[i] = result.stage_seconds, order.index(result.safety.status)
             log.unsolved[i] = result.dynwbc.status != "optimal"
@@ -266,7 +274,7 @@ def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
     times = Table(title=f"{title}: {sum(f.ticks for f in figures)} ticks", box=SIMPLE_HEAD, title_justify="left")
     events = Table(box=SIMPLE_HEAD)
     heads = ("rows", "median", "p99", "p99.9", "max", "late", "in a row", "CPU p99.9", "max", "late", "in a row")
-    for table, columns in ((times, heads), (events, (*STATUSES, "no torques", "stops", "gc", "heap", "RSS"))):
+    for table, columns in ((times, heads), (events, (*STATUSES, "no torques", "stops", "gc", "kept", "heap", "RSS"))):
         table.add_column("sequence")
         for column in columns:
             table.add_column(column, justify="right")
@@ -275,6 +283,6 @@ def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
         by_clock = (f"{x:.2f}" for x in (wall.median_ms, wall.p99_ms, wall.p999_ms, wall.max_ms))
         by_cpu = (f"{cpu.p999_ms:.2f}", f"{cpu.max_ms:.2f}", str(cpu.late), str(cpu.in_a_row))
         times.add_row(f.sequence, str(f.rows), *by_clock, str(wall.late), str(wall.in_a_row), *by_cpu)
-        counts = (*(f.statuses[s] for s in STATUSES), f.unsolved, f.stops, f.collections, f.heap_blocks)
-        events.add_row(f.sequence, *map(str, counts), f"{f.rss_mb:.1f}")
+        counts = (*(f.statuses[s] for s in STATUSES), f.unsolved, f.stops, f.collections)
+        events.add_row(f.sequence, *map(str, counts), f"{f.kept:.1f}", str(f.heap_blocks), f"{f.rss_mb:.1f}")
     return times, events

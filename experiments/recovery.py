@@ -1,17 +1,11 @@
 """A start with an arm deep inside the torso: how every filter leaves it, with and without bounds on the way out."""
 
 import dataclasses
-import io
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from controllers.config import ControllerConfig, controller_config
 from controllers.reference import reference_here
@@ -20,6 +14,7 @@ from controllers.whole_body import WholeBodyController
 from experiments.console import make_console
 from experiments.figures import Figure
 from experiments.options import BenchOptions
+from experiments.study_print import frame, png, print_study, write_study
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -47,6 +42,9 @@ FILTERS = ("cbf", "issf", "ssa", "rssa")
 
 DURATION = 1.5
 """Of each run [s]."""
+
+TITLE = f"a start inside the torso, {DURATION:g} s"
+"""Of the table."""
 
 TABLE_WIDTH = 110
 """Width of the table."""
@@ -76,25 +74,11 @@ def recovery(out: Path | None) -> int:
     console.width = max(console.width, TABLE_WIDTH)
     with console.status("leaving the torso"):
         runs = recovery_study()
-    print_recovery(console, [figures for figures, _ in runs])
+    figures = [figures for figures, _ in runs]
+    print_study(console, TITLE, COLUMNS, figures)
     if out is not None:
-        out.write_text(json.dumps([figures for figures, _ in runs], indent=2) + "\n", encoding="utf-8")
-        plot = out.with_suffix(".png")
-        plot.write_bytes(recovery_plot(runs))
-        console.print(f"figures: {out}\nplot:    {plot}")
+        write_study(console, out, figures, recovery_plot(runs))
     return 0
-
-
-def print_recovery(console: Console, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print the figures as a table."""
-    title = f"a start inside the torso, {DURATION:g} s"
-    table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for column in COLUMNS:
-        heading = Text(f"{column.words}\n[{column.unit}]" if column.unit else column.words)
-        table.add_column(heading, justify="left" if isinstance(rows[0][column.key], str) else "right")
-    for row in rows:
-        table.add_row(*(column.text(row[column.key]) for column in COLUMNS))
-    console.print(table)
 
 
 def recovery_study(robots: Sequence[str] = tuple(STARTS), filters: Sequence[str] = FILTERS) -> list[tuple[Any, Any]]:
@@ -167,7 +151,7 @@ def recovery_plot(runs: Sequence[tuple[Any, Any]], filters: Sequence[str] = ("is
     """The smallest h and the largest step of the command over time, strict and eased; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
 
     robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
     drawing = Drawing(figsize=(WIDTH, 5.6), dpi=DPI, layout="constrained")
@@ -182,16 +166,11 @@ def recovery_plot(runs: Sequence[tuple[Any, Any]], filters: Sequence[str] = ("is
         steps = np.abs(np.diff(series["v"], axis=0)).max(axis=1)
         axes[1, column].semilogy(series["time"][1:], np.maximum(steps, 1e-5), **style)
         axes[0, column].set_title(figures["robot"], fontsize=9, color=INK, fontweight="bold")
-    for axis in axes.ravel():
-        axis.grid(True, color=GRID, lw=0.8)
-        axis.tick_params(colors=INK, labelsize=8, length=0)
-        axis.spines[["top", "right"]].set_visible(False)
+    frame(axes.ravel())
     axes[0, 0].set_ylabel("smallest h [mm]", fontsize=8.5, color=INK)
     axes[1, 0].set_ylabel("step of the command [rad/s]", fontsize=8.5, color=INK)
     for axis in axes[1]:
         axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=8.5)
-    buffer = io.BytesIO()
-    drawing.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png(drawing)

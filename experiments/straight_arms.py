@@ -1,21 +1,15 @@
 """Hands sent a metre out of reach: what the commanded velocity does where arms go straight, damped and cut."""
 
-import io
-import json
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from experiments.console import make_console
 from experiments.figures import Figure
 from experiments.hand_tracking import run_hand_tracking
 from experiments.options import BenchOptions, FilterOptions, HandTrackingOptions
+from experiments.study_print import frame, png, print_study, write_study
 from robots.messages import Array
 
 TARGETS: Mapping[str, tuple[float, float, float]] = {
@@ -35,6 +29,9 @@ DURATION = 5.0
 
 LIMIT = 0.3
 """Steps of the command above this count as jumps [rad/s]."""
+
+TITLE = f"hands out of reach, {DURATION:g} s"
+"""Of the table."""
 
 TABLE_WIDTH = 110
 """Width of the table."""
@@ -58,29 +55,11 @@ def bench_straight(options: BenchOptions) -> int:
     console.width = max(console.width, TABLE_WIDTH)
     with console.status("sending the hands away"):
         runs = straight_study()
-    print_straight(console, [figures for figures, _ in runs])
+    figures = [figures for figures, _ in runs]
+    print_study(console, TITLE, COLUMNS, figures)
     if options.out is not None:
-        write_study(console, options.out, runs)
+        write_study(console, options.out, figures, straight_plot(runs))
     return 0
-
-
-def write_study(console: Console, out: Path, runs: Sequence[tuple[dict[str, Any], dict[str, Array]]]) -> None:
-    """Write the figures as JSON to ``out`` and the plot as PNG beside it."""
-    out.write_text(json.dumps([figures for figures, _ in runs], indent=2) + "\n", encoding="utf-8")
-    plot = out.with_suffix(".png")
-    plot.write_bytes(straight_plot(runs))
-    console.print(f"figures: {out}\nplot:    {plot}")
-
-
-def print_straight(console: Console, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Print the figures as a table."""
-    table = Table(title=f"hands out of reach, {DURATION:g} s", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    for column in COLUMNS:
-        heading = Text(f"{column.words}\n[{column.unit}]" if column.unit else column.words)
-        table.add_column(heading, justify="left" if isinstance(rows[0][column.key], str) else "right")
-    for row in rows:
-        table.add_row(*(column.text(row[column.key]) for column in COLUMNS))
-    console.print(table)
 
 
 def straight_study(
@@ -106,7 +85,7 @@ def straight_study(
                     result = run_hand_tracking(options)
                     case = {"robot": robot, "target": target, "filter": name, "singular": way}
                     figures = step_figures(result.series, result.config["controller"]["dt"])
-                    figures |= {key: result.summary[key] for key in ("torque_step_max",)}
+                    figures["torque_step_max"] = result.summary["torque_step_max"]
                     figures["torque_max"] = result.summary["max_torque_fraction"]
                     runs.append((case | figures, dict(result.series)))
     return runs
@@ -132,7 +111,7 @@ def straight_plot(runs: Sequence[tuple[dict[str, Any], dict[str, Array]]], targe
     """Commanded velocity of the left elbow and largest step of all joints' over time, without a filter; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
     from robots.loader import load_robot
 
     robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
@@ -148,16 +127,11 @@ def straight_plot(runs: Sequence[tuple[dict[str, Any], dict[str, Array]]], targe
         axes[0, column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
         axes[1, column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
         axes[0, column].set_title(figures["robot"], fontsize=9, color=INK, fontweight="bold")
-    for axis in axes.ravel():
-        axis.grid(True, color=GRID, lw=0.8)
-        axis.tick_params(colors=INK, labelsize=8, length=0)
-        axis.spines[["top", "right"]].set_visible(False)
+    frame(axes.ravel())
     axes[0, 0].set_ylabel("left elbow, command [rad/s]", fontsize=8.5, color=INK)
     axes[1, 0].set_ylabel("step of the command [rad/s]", fontsize=8.5, color=INK)
     for axis in axes[1]:
         axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
     handles, labels = axes[0, 0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=8.5)
-    buffer = io.BytesIO()
-    drawing.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png(drawing)

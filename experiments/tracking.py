@@ -1,22 +1,18 @@
 """How well moving obstacles are tracked, and what the estimated velocity is worth to the safety filter."""
 
-import io
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
-from rich.text import Text
 
 from experiments.console import make_console
 from experiments.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.figures import Figure
 from experiments.options import BenchOptions
+from experiments.study_print import frame, png, print_study, write_study
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
@@ -68,11 +64,7 @@ def tracking(out: Path | None, seed: int = 0) -> int:
         crossings = crossing_study(range(seed, seed + 5))
     print_tracking(console, rows, crossings)
     if out is not None:
-        text = json.dumps({"tracking": rows, "crossing": crossings}, indent=2)
-        out.write_text(text + "\n", encoding="utf-8")
-        plot = out.with_suffix(".png")
-        plot.write_bytes(tracking_plot(seed))
-        console.print(f"figures: {out}\nplot:    {plot}")
+        write_study(console, out, {"tracking": rows, "crossing": crossings}, tracking_plot(seed))
     return 0
 
 
@@ -81,14 +73,7 @@ def print_tracking(console: Console, rows: Sequence[Mapping[str, Any]], crossing
     noise = f"obstacle tracks: RMS values; {1e3 * NOISE:g} mm noise; raw, filtered: error of the position"
     crossed = "an obstacle crosses the hands of the G1 (upper body, kinematic); joint acceleration: RMS"
     for title, columns, lines in ((noise, TRACKING, rows), (crossed, CROSSING, crossings)):
-        table = Table(title=title, box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-        for column in columns:
-            # as text: square brackets round a unit are no markup
-            heading = Text(f"{column.words}\n[{column.unit}]" if column.unit else column.words)
-            table.add_column(heading, justify="left" if isinstance(lines[0][column.key], str) else "right")
-        for line in lines:
-            table.add_row(*(column.text(line[column.key]) for column in columns))
-        console.print(table)
+        print_study(console, title, columns, lines)
 
 
 def study_motions(seed: int) -> dict[str, ObstacleMotion]:
@@ -218,7 +203,7 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
     """Estimated against true velocity of the three motions, one coordinate, and a part of it up close; a PNG."""
     from matplotlib.figure import Figure as Drawing
 
-    from experiments.plot_style import DPI, FILTERED, GRID, INK, WIDTH
+    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
 
     drawing = Drawing(figsize=(WIDTH, 9.6), dpi=DPI, layout="constrained")
     axes = drawing.subplots(4, 1)
@@ -240,12 +225,8 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
     axes[3].legend(frameon=False, fontsize=8)
     for axis in axes:
         axis.set_ylabel("velocity, x [m/s]", fontsize=8.5, color=INK)
-        axis.grid(True, color=GRID, lw=0.8)
-        axis.tick_params(colors=INK, labelsize=8, length=0)
-        axis.spines[["top", "right"]].set_visible(False)
+    frame(axes)
     axes[-1].set_xlabel("time [s]", fontsize=8.5, color=INK)
     handles, labels = axes[0].get_legend_handles_labels()
     drawing.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
-    buffer = io.BytesIO()
-    drawing.savefig(buffer, format="png")
-    return buffer.getvalue()
+    return png(drawing)

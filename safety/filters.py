@@ -155,7 +155,9 @@ class SafetyFilter:
         self._pushes = self.kind.resolution.startswith("push")
         self._family: bytes | None = None
         self._recovery: Recovery | None = None
-        if recovery is not None and order == 1 and self.kind.resolution in QPS:
+        # the papers' baseline has none
+        eased = order == 1 and self.kind.resolution in QPS and infeasible != "unsafe_pass_nominal"
+        if recovery is not None and eased:
             self._recovery = Recovery(self._nv, n_rows, recovery, dt)
 
     def apply(

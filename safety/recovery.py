@@ -26,7 +26,8 @@ that, ``HELD``, while a row is lost). The filter is then given :math:`\bar v`, a
 - v' meets rows deeper than :math:`d_i` to within :math:`a_i\,dt`, so as far as turns of :math:`J_i` and the rows that
   hold leave it alone the command moves by at most
   :math:`\|v - v'\|_H \le 2 \|\bar v - v'\|_H + (\kappa \sum_i (a_i\,dt)^2 / (\theta_i J_i H^{-1} J_i^T))^{1/2}` a tick,
-  however much the lost rows contradict each other;
+  however much the lost rows contradict each other, summed over the rows deeper than :math:`d_i`; shallower ones that
+  would fall otherwise are met at once;
 - what the rows ask for is continuous in h, and for :math:`h_i \to 0` a row is as hard as any.
 
 What the return keeps, for any filter: where a row is alone or agrees with the others, and
@@ -41,9 +42,12 @@ velocity that is followed to within :math:`\delta < r'` (in the rate of h) bring
 that contradict each other share what can be had, in the least squares' sense: of these nothing is promised but the
 bounds above. r-SSA relaxes what is asked by its own price on top, as it does everywhere.
 
-The search for :math:`v^r` has a budget (:data:`wbc.active_set.ROUNDS`). Where it is spent, or the rows that hold
-contradict each other, it is done once more without those; where that has no answer either, :math:`D_i''` is asked of
-each row alone.
+Eased rows with :math:`h_i \ge 0` stay eased until they ask for all they do otherwise, lost rows or not. While they are,
+the ISSf-CBF's promise :math:`h \ge -\varepsilon \delta^2 / (4 \alpha)` is suspended for them: they may not fall by what
+the filter asks, but nothing makes up for a disturbance yet.
+
+The search for :math:`v^r` has a budget (:data:`wbc.active_set.ROUNDS`). Where the rows that hold contradict each other,
+it is done once more without those. Where it is spent, lost rows are asked for what the last command gives them.
 """
 
 from collections.abc import Callable
@@ -55,7 +59,7 @@ from robots.checks import require_positive
 from robots.messages import Array, Mask
 from safety.conditions import RowParameters
 from safety.rows import BarrierRows, HalfSpaces
-from wbc.active_set import OPTIMAL, ActiveSet
+from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
 from wbc.qp import UNBOUNDED
 
 SOFT_ROWS = 64
@@ -63,6 +67,9 @@ SOFT_ROWS = 64
 
 SUDDEN = 0.2
 """A deep row that the last command is short of by more than this share of its recovery speed is eased."""
+
+CARRIED = 3.0
+"""Largest entry of the last correction that is carried on [rad/s, m/s]."""
 
 HELD = 0.2
 """Share of its acceleration at which the nominal velocity may take over again as long as a row is lost."""
@@ -119,20 +126,20 @@ class Recovery:
         self.settings, self._dt = settings, dt
         self._soft, self._n_rows = min(SOFT_ROWS, n_rows), n_rows
         self._last = self._correction = np.zeros(nv)
-        self._moved, self._waited = 0.0, RELEASE
+        self._moved, self._waited, self._held_back = 0.0, RELEASE, False
         self._search: ActiveSet | None = None
 
     def reset(self) -> None:
         """The last command is rest, and no row was lost."""
         self._last = self._correction = np.zeros_like(self._last)
-        self._moved, self._waited = 0.0, RELEASE
+        self._moved, self._waited, self._held_back = 0.0, RELEASE, False
 
     def note(self, v_des: Array, v: Array) -> None:
         """The nominal velocity (nv,), and the command (nv,) that was given in the end; both of an earlier tick."""
         correction = v - v_des
         if self._waited < RELEASE:
             self._moved = float(np.abs(correction - self._correction).max(initial=0.0))
-        self._last, self._correction = v, correction
+        self._last, self._correction = v.copy(), correction
 
     def ease(
         self,
@@ -158,28 +165,33 @@ class Recovery:
         lost = spaces.active & (rows.h < 0)
         if not self._is_engaged(lost, rows, spaces, parameters):
             return None
-        largest, less = float(np.abs(self._correction).max(initial=0.0)), self.settings.acceleration * self._dt
-        less *= HELD if lost.any() else 1.0
-        nominal = v_des + (1.0 - less / largest) * self._correction if largest > less else v_des
-        if not lost.any():
-            return Eased(spaces, nominal)
-        theta = np.clip(-rows.h / parameters.recovery_depth, 0.0, 1.0)
+        nominal = v_des + self._carried(lost)
         reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
         b = np.where(lost, spaces.b, np.minimum(spaces.b, np.maximum(reached, -rows.drift)))
+        self._held_back = bool((b < spaces.b).any())
+        if not lost.any():
+            return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
+        theta = np.clip(-rows.h / parameters.recovery_depth, 0.0, 1.0)
         b[lost] = self._bounded(rows, spaces, condition, parameters, theta, reached)[lost]
         v = self._compromise(spaces.A, b, lost, theta, nominal, metric(), limit)
-        if v is not None:
-            b[lost] = np.minimum(b, spaces.A @ v - ROUNDING)[lost]
+        b[lost] = np.minimum(b, spaces.A @ (self._last if v is None else v) - ROUNDING)[lost]
         return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
+
+    def _carried(self, lost: Mask) -> Array:
+        """What is left of the last correction, shape (nv,)."""
+        largest, less = float(np.abs(self._correction).max(initial=0.0)), self.settings.acceleration * self._dt
+        kept = min(largest, CARRIED) - less * (HELD if lost.any() else 1.0)
+        return kept / largest * self._correction if kept > 0.0 else np.zeros_like(self._correction)
 
     def _is_engaged(self, lost: Mask, rows: BarrierRows, spaces: HalfSpaces, parameters: RowParameters) -> bool:
         if self._waited < RELEASE:
-            used_up = self._moved < SETTLED * self.settings.acceleration * self._dt
+            used_up = not self._held_back and self._moved < SETTLED * self.settings.acceleration * self._dt
             self._waited = 0.0 if lost.any() else RELEASE if used_up else self._waited + self._dt
         elif lost.any():
             sudden = spaces.b - spaces.A @ self._last > SUDDEN * parameters.recovery_speed
             if (lost & sudden & (-rows.h > parameters.recovery_depth)).any():
-                self._waited = 0.0
+                # what was changed before has nothing to do with these rows
+                self._waited, self._correction = 0.0, np.zeros_like(self._correction)
         return self._waited < RELEASE
 
     def _bounded(
@@ -211,21 +223,21 @@ class Recovery:
             return None
         scale = np.sqrt(self.settings.weight / (theta[soft] * (length + SHORT)))
         others = np.where(lost, -UNBOUNDED, b)
-        for held in (others, np.full_like(others, -UNBOUNDED)):
-            v = self._solve(A, held, A[soft] * scale[:, None], b[soft] * scale, nominal, hessian, limit)
-            if v is not None:
-                return v
-        return None
+        weighed = A[soft] * scale[:, None], b[soft] * scale
+        outcome, v = self._solve(A, others, *weighed, nominal, hessian, limit)
+        if outcome == CONTRADICTION:
+            outcome, v = self._solve(A, np.full_like(others, -UNBOUNDED), *weighed, nominal, hessian, limit)
+        return v if outcome == OPTIMAL else None
 
     def _solve(
         self, A: Array, held: Array, soft: Array, asked: Array, nominal: Array, hessian: Array, limit: Array
-    ) -> Array | None:
+    ) -> tuple[int, Array]:
+        """Outcome of the search, see :func:`wbc.active_set.search`, and the velocity (nv,)."""
         n, k, m = nominal.size, self._soft, self._n_rows
         if self._search is None:
             softness = np.concatenate([np.zeros(n), np.ones(k), np.zeros(m)])
-            self._search = ActiveSet(n, k + m, softness)
+            self._search = ActiveSet(n, k + m, softness, soft_room=k)
         matrix = np.concatenate([soft, np.tile(np.eye(1, n), (k - len(soft), 1)), A])
         lower = np.concatenate([-limit, asked, np.full(k - len(soft), -UNBOUNDED), held])
         upper = np.concatenate([limit, np.full(k + m, UNBOUNDED)])
-        outcome, x = self._search.solve(hessian, -(hessian @ nominal), matrix, lower, upper, np.empty(n + k + m))
-        return x if outcome == OPTIMAL else None
+        return self._search.solve(hessian, -(hessian @ nominal), matrix, lower, upper, np.empty(n + k + m))

@@ -205,10 +205,26 @@ class ActiveSet:
         changes: of the active set, in the last search.
     """
 
-    def __init__(self, n: int, m: int, softness: Array | None = None, budget: int = ROUNDS) -> None:
-        """For ``n`` variables and ``m`` rows; ``softness``: shape (n + m,), ``None`` where all limits must hold."""
+    def __init__(
+        self,
+        n: int,
+        m: int,
+        softness: Array | None = None,
+        budget: int = ROUNDS,
+        soft_room: int | None = None,
+    ) -> None:
+        """For ``n`` variables and ``m`` rows.
+
+        Args:
+            n: variables.
+            m: rows.
+            softness: shape (n + m,), ``None`` where all limits must hold.
+            budget: changes of the active set in one search.
+            soft_room: how many soft limits may be active beside n others; 2 n if not given.
+        """
         self._softness = np.zeros(n + m) if softness is None else softness
-        self.guess = np.zeros(n + 1 + min(2 * n, int(np.count_nonzero(self._softness))), dtype=np.int64)
+        room = 2 * n if soft_room is None else soft_room
+        self.guess = np.zeros(n + 1 + min(room, int(np.count_nonzero(self._softness))), dtype=np.int64)
         self.changes = 0
         self._n, self._m, self._budget = n, m, budget
 

@@ -13,8 +13,10 @@ from controllers.reference import reference_here
 from controllers.warm_up import BEYOND, CONTACTS, obstacles_at, situations
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription
+from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
+from safety.barriers import CollisionBodies, ObstacleBarrier
 from safety.filters import FILTERS, KINDS, FilterStatus
 from safety.obstacles import KINDS as OBSTACLE_KINDS
 
@@ -149,3 +151,15 @@ def test_no_kernel_is_compiled_or_loaded_after_it(name: str) -> None:
     assert run.returncode == 0, run.stderr
     before, after = map(int, run.stdout.split())
     assert after == before > 0
+
+
+def test_obstacles_of_a_barrier_of_ones_own_are_warmed_up_too() -> None:
+    """Given through ``extra_barriers``, where none are announced."""
+    robot = load_robot("g1")
+    controller = WholeBodyController(
+        robot,
+        controller_config(robot),
+        True,
+        extra_barriers=lambda kin: [ObstacleBarrier(CollisionBodies(kin), ("sphere", "box"))],
+    )
+    controller.warm_up()

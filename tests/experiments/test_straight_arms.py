@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
-from experiments.straight_arms import COLUMNS, LIMIT, command_steps, print_straight, step_figures, straight_study
-from experiments.straight_arms import write_study as write
+from experiments.straight_arms import COLUMNS, LIMIT, TITLE, command_steps, step_figures, straight_plot, straight_study
+from experiments.study_print import print_study, write_study
 
 
 def test_steps_are_the_largest_change_of_any_joint_and_the_base_does_not_count() -> None:
@@ -28,8 +28,9 @@ def test_a_short_study_has_every_case_its_table_and_its_files(tmp_path: Path) ->
     assert runs[1][0]["jumps"] == 0
     buffer = StringIO()
     console = Console(file=buffer, width=200)
-    print_straight(console, [figures for figures, _ in runs])
+    figures = [figures for figures, _ in runs]
+    print_study(console, TITLE, COLUMNS, figures)
     assert all(column.words.split()[0] in buffer.getvalue() for column in COLUMNS)
-    write(console, tmp_path / "straight.json", runs)
+    write_study(console, tmp_path / "straight.json", figures, straight_plot(runs))
     assert [row["target"] for row in json.loads((tmp_path / "straight.json").read_text())] == ["up", "up"]
     assert (tmp_path / "straight.png").read_bytes().startswith(b"\x89PNG")

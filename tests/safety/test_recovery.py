@@ -1,4 +1,4 @@
-"""The way out of a broken barrier: bounded in speed and acceleration, and nothing is taken from rows that hold."""
+"""The way out of a broken barrier: bounded in speed and acceleration, and rows that hold may not fall meanwhile."""
 
 from dataclasses import replace
 
@@ -191,3 +191,95 @@ def test_numbers_that_are_too_large_or_vanish_do_not_raise(jac: float, h: float)
 def test_bad_settings_are_refused(name: str, value: float) -> None:
     with pytest.raises(ConfigError, match=f"recovery {name}"):
         RecoverySettings(**{name: value})
+
+
+def test_the_end_of_a_recovery_does_not_jump() -> None:
+    """A row on its boundary asks to come away from it, and has not got that when the lost row is out, at once."""
+    jac, last = np.array([[0.5, 0.0], [0.0, 0.3]]), np.zeros(2)
+    safety = filter_of(2, 2, "issf")
+    for k in range(400):
+        result = safety.apply(rows_of(np.array([0.0, -0.06 if k < 5 else 0.001]), jac), np.zeros(2))
+        assert np.abs(result.v - last).max() < 0.05
+        last = result.v
+    # in the end all that is asked for is given
+    assert result.status == FilterStatus.FILTERED
+    assert jac[0] @ last == pytest.approx(0.25 / FAMILY.epsilon, abs=1e-6)
+
+
+def test_what_was_changed_before_a_recovery_is_not_carried_into_it() -> None:
+    """An obstacle asks for a great velocity for one tick and is gone; then another row is found deep inside."""
+    jac = np.array([[0.01, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    safety = filter_of(2, 3)
+    before = safety.apply(rows_of(np.array([0.001, 0.05]), jac, np.array([-0.15, 0.0])), np.zeros(3))
+    assert before.v[0] > 10.0
+    for _ in range(10):
+        result = safety.apply(rows_of(np.array([0.5, -0.06]), jac), np.zeros(3))
+        assert result.v[0] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_little_of_a_correction_is_carried_on() -> None:
+    """While a row is lost a holding one asks for a great velocity in one tick; the next one keeps 3 rad/s at most."""
+    jac = np.array([[0.01, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    safety = filter_of(2, 3)
+    for _ in range(3):
+        safety.apply(rows_of(np.array([0.5, -0.06]), jac), np.zeros(3))
+    pushed = safety.apply(rows_of(np.array([0.001, -0.06]), jac, np.array([-0.15, 0.0])), np.zeros(3))
+    assert pushed.v[0] > 10.0
+    assert safety.apply(rows_of(np.array([0.5, -0.06]), jac), np.zeros(3)).v[0] <= 3.0
+
+
+@pytest.mark.parametrize("name", ["cbf", "sss"])
+def test_rows_that_hold_go_first_however_many_are_lost(name: str) -> None:
+    """More lost rows than twice the number of variables: what a holding row needs not to fall is kept all the same."""
+    rng = np.random.default_rng(7)
+    n, nv = 40, 4
+    safety = filter_of(n, nv, name)
+    jac = rng.normal(size=(n, nv))
+    h = np.append(0.001, rng.uniform(-0.05, -0.01, n - 1))
+    drift = np.append(-0.1, np.zeros(n - 1))
+    for _ in range(20):
+        result = safety.apply(rows_of(h, jac, drift), rng.normal(size=nv))
+        # a CBF may let it sink towards its boundary, SSS not below its margin
+        assert jac[0] @ result.v + drift[0] >= (-ALPHA * h[0] if name == "cbf" else 0.0) - 1e-6
+
+
+@pytest.mark.parametrize("depth", [0.4, 0.9])
+def test_shallow_rows_are_not_eased_however_suddenly_they_ask(depth: float) -> None:
+    jac = np.array([[0.3, -0.4]])
+    rows = rows_of(np.array([-depth * DEPTH]), jac, np.array([-0.5]))
+    eased, strict = (filter_of(1, 2, recovery=r).apply(rows, np.zeros(2)) for r in (SETTINGS, None))
+    np.testing.assert_array_equal(eased.v, strict.v)
+
+
+def test_after_a_reset_the_robot_is_at_rest_and_no_row_was_lost() -> None:
+    jac, deep = np.array([[0.3, -0.4]]), np.array([-0.1])
+    used, fresh = filter_of(1, 2), filter_of(1, 2)
+    for _ in range(50):
+        used.apply(rows_of(deep, jac), np.ones(2))
+    used.reset()
+    np.testing.assert_allclose(
+        used.apply(rows_of(deep, jac), np.zeros(2)).v, fresh.apply(rows_of(deep, jac), np.zeros(2)).v, rtol=0, atol=1e-9
+    )
+
+
+def test_input_that_is_refused_leaves_no_command_to_go_on_from() -> None:
+    jac, deep = np.array([[0.3, -0.4]]), np.array([-0.1])
+    used, fresh = filter_of(1, 2), filter_of(1, 2)
+    for _ in range(50):
+        used.apply(rows_of(deep, jac), np.zeros(2))
+    assert used.apply(rows_of(deep, jac), np.full(2, np.nan)).status == FilterStatus.FAILED
+    np.testing.assert_allclose(
+        used.apply(rows_of(deep, jac), np.zeros(2)).v, fresh.apply(rows_of(deep, jac), np.zeros(2)).v, rtol=0, atol=1e-9
+    )
+
+
+def test_the_papers_baseline_is_not_eased() -> None:
+    """Where the nominal velocity is passed on, it is that, not one near the last command."""
+    safety = SafetyFilter(
+        "cbf", 2, PARAMETERS, np.full(2, 20.0), infeasible="unsafe_pass_nominal", dt=DT, recovery=SETTINGS
+    )
+    nominal, jac = np.array([0.3, -0.5]), np.array([[1.0, 0.0], [-1.0, 0.0]])
+    for _ in range(3):
+        result = safety.apply(rows_of(np.array([-0.1, -0.1]), jac), nominal)
+        assert result.status == FilterStatus.UNSAFE
+        np.testing.assert_array_equal(result.v, nominal)

@@ -10,6 +10,7 @@ from controllers.reference import WholeBodyReference
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from wbc.kinwbc import KinWbc
+from wbc.task_kernels import ACCELERATION_AT, ANGULAR, POSITION_AT, ROTATION_AT, VELOCITY_AT
 from wbc.tasks import (
     CenterOfMassTask,
     FrameOrientationTask,
@@ -20,8 +21,9 @@ from wbc.tasks import (
     TaskGains,
 )
 
-POSITION, ROTATION, LINEAR, ACCELERATION = slice(0, 3), slice(3, 12), slice(12, 15), slice(18, 21)
-YAW_RATE, YAW_ACCELERATION = 17, 23
+POSITION, ROTATION = slice(POSITION_AT, POSITION_AT + 3), slice(ROTATION_AT, ROTATION_AT + 9)
+LINEAR, ACCELERATION = slice(VELOCITY_AT, VELOCITY_AT + 3), slice(ACCELERATION_AT, ACCELERATION_AT + 3)
+YAW_RATE, YAW_ACCELERATION = VELOCITY_AT + ANGULAR + 2, ACCELERATION_AT + ANGULAR + 2
 """Places in a frame's references, see :func:`wbc.task_kernels.evaluate_frames`."""
 
 

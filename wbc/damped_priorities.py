@@ -7,12 +7,13 @@ and leaves to the levels below what it does not use itself:
     g(\sigma) = \frac{\sigma}{\max(\sigma, \sigma_d)^2},\quad
     Z_i = Z_{i-1} \left(I - V s(\Sigma) V^T\right),\quad s(\sigma) = \min\left(1, (\sigma/\sigma_d)^2\right)
 
-:math:`g` is the damped inverse :math:`\sigma / (\sigma^2 + \lambda^2)` with
-:math:`\lambda^2 = \sigma_d^2 - \sigma^2` below the threshold :math:`\sigma_d` and none above it: the damping that fades
-in of Nakamura and Hanafusa (ASME J. Dyn. Syst. Meas. Control 108, 1986), taken singular value by singular value as by
-Maciejewski and Klein (J. Robotic Systems 5, 1988). Both :math:`g` and :math:`s` are continuous and vanish at 0, so the
-velocity is a continuous function of Jacobians and commands, whatever their rank; with a cut (eq. (13) of Lee et al. as
-:func:`wbc.kinwbc.prioritised_velocity` has it) it jumps wherever a singular value passes the cut.
+:math:`g` is the damped inverse :math:`\sigma / (\sigma^2 + \lambda^2)`, taken singular value by singular value as by
+Maciejewski and Klein (J. Robotic Systems 5, 1988), with the damping that fades in below a threshold of Chiaverini,
+Siciliano and Egeland (IEEE Trans. Control Systems Technology 2, 1994),
+:math:`\lambda^2 = (1 - (\sigma / \sigma_d)^2) \lambda_{max}^2`, for :math:`\lambda_{max} = \sigma_d`. Both g and s
+are continuous and vanish at 0, so the velocity is a continuous function of Jacobians and commands, whatever their rank;
+with a cut (eq. (13) of Lee et al. as :func:`wbc.kinwbc.prioritised_velocity` has it) it jumps wherever a singular value
+passes the cut.
 
 Where all singular values are at least :math:`\sigma_d` this is eq. (13) of Lee et al. exactly. Elsewhere
 

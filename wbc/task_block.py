@@ -17,8 +17,8 @@ Level = tuple[Array, Array]
 class TaskBlock:
     """Rows of all tasks, level after level, in arrays that are made once.
 
-    Tasks about frames keep their references here and are evaluated in one compiled pass, others by
-    :meth:`wbc.tasks.Task.evaluate`.
+    Tasks about frames keep their references here, their gains are read once, and one compiled pass evaluates them all;
+    others are asked by :meth:`wbc.tasks.Task.evaluate`.
 
     Attributes:
         jacobian: shape (m, nv), overwritten by each evaluation, like ``command``.
@@ -31,7 +31,7 @@ class TaskBlock:
         """Lay out the rows of the tasks of each level; ``nv``: size of the velocity.
 
         Raises:
-            ConfigError: a task stands in more than one place.
+            ConfigError: a task stands in more than one place, of this block or another one.
         """
         tasks = [task for level in levels for task in level]
         if len({id(task) for task in tasks}) < len(tasks):
@@ -57,6 +57,10 @@ class TaskBlock:
         self._corrections = np.zeros((len(self._frames), 3))
         self._gains = np.array([task.gain_row() for task in self._frames]).reshape(-1, 6)
         for row, frame in zip(self._references, self._frames, strict=True):
+            if frame.references.base is not None:
+                raise ConfigError(
+                    "tasks", type(frame).__name__, "tasks of no other stack: its references are kept there"
+                )
             row[:] = frame.references
             frame.references = row
         self._table: Indices = np.zeros((0, 4), dtype=np.int64)

@@ -11,6 +11,10 @@ from robots.messages import Array, Indices
 POSITION, ORIENTATION, POSE = 1, 2, 3
 """What of a frame a task is about; the bits of ``POSE`` are the other two."""
 
+POSITION_AT, ROTATION_AT, VELOCITY_AT, ACCELERATION_AT, ANGULAR = 0, 3, 12, 18, 3
+"""Where the parts of a frame's references begin: see :func:`evaluate_frames`. The angular part of velocity and
+acceleration begins ``ANGULAR`` further."""
+
 NO_TURN = 1e-6
 """Sine of an angle below which its rotation matrix is symmetric to rounding."""
 
@@ -148,7 +152,9 @@ def evaluate_frames(
             correct(reference[:3], placement[9:], gain[0], gain[1], wanted)
             _follow(wanted, corrections[i], gain[5])
             for k in range(3):
-                command[row + k] = wanted[k] + reference[12 + k] + (reference[18 + k] - drift[i, k]) / gain[4]
+                command[row + k] = (
+                    wanted[k] + reference[VELOCITY_AT + k] + (reference[ACCELERATION_AT + k] - drift[i, k]) / gain[4]
+                )
             row += 3
         if kind & ORIENTATION:
             _turn_rows(carried, world, jacobian[row : row + 3])

@@ -11,7 +11,18 @@ from robots.checks import require_positive
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
-from wbc.task_kernels import ORIENTATION, POSE, POSITION, correct, evaluate_frames
+from wbc.task_kernels import (
+    ACCELERATION_AT,
+    ANGULAR,
+    ORIENTATION,
+    POSE,
+    POSITION,
+    POSITION_AT,
+    ROTATION_AT,
+    VELOCITY_AT,
+    correct,
+    evaluate_frames,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,7 +138,7 @@ class FrameTask(Task):
         self.angular_gains = gains if angular_gains is None else angular_gains
         self.frame_id = frame_id
         self.references = np.zeros(24)
-        self.references[3:12] = np.eye(3).ravel()
+        self.references[ROTATION_AT:VELOCITY_AT] = np.eye(3).ravel()
 
     def gain_row(self) -> Array:
         """Gains (6,) in the order of :func:`wbc.task_kernels.evaluate_frames`."""
@@ -163,17 +174,17 @@ class FramePositionTask(FrameTask):
     """Origin of a frame to ``position`` with feed-forward ``velocity`` and ``acceleration``, each (3,), world."""
 
     rows, kind = 3, POSITION
-    position = _Reference(0, 3)
-    velocity = _Reference(12, 3)
-    acceleration = _Reference(18, 3)
+    position = _Reference(POSITION_AT, 3)
+    velocity = _Reference(VELOCITY_AT, 3)
+    acceleration = _Reference(ACCELERATION_AT, 3)
 
 
 class FrameOrientationTask(FrameTask):
     """A frame's axes to ``rotation`` (3, 3) with feed-forward ``angular_velocity`` (3,), world."""
 
     rows, kind = 3, ORIENTATION
-    rotation = _Reference(3, 3, 3)
-    angular_velocity = _Reference(15, 3)
+    rotation = _Reference(ROTATION_AT, 3, 3)
+    angular_velocity = _Reference(VELOCITY_AT + ANGULAR, 3)
 
 
 class FramePoseTask(FrameTask):
@@ -184,10 +195,10 @@ class FramePoseTask(FrameTask):
     """
 
     rows, kind = 6, POSE
-    position = _Reference(0, 3)
-    rotation = _Reference(3, 3, 3)
-    velocity = _Reference(12, 6)
-    acceleration = _Reference(18, 6)
+    position = _Reference(POSITION_AT, 3)
+    rotation = _Reference(ROTATION_AT, 3, 3)
+    velocity = _Reference(VELOCITY_AT, 6)
+    acceleration = _Reference(ACCELERATION_AT, 6)
 
 
 class PostureTask(Task):

@@ -116,3 +116,12 @@ def test_a_correction_changes_by_no_more_than_it_may(robot: RobotDescription) ->
 def test_a_bad_bound_of_the_change_is_refused(value: float) -> None:
     with pytest.raises(ConfigError, match="max_change"):
         TaskGains(8.0, max_change=value)
+
+
+def test_a_task_of_another_stack_is_refused(robot: RobotDescription) -> None:
+    """It would follow references that nobody sets any more."""
+    kin = moving(robot)
+    hand = FramePositionTask(kin.frame_id(robot.roles["left_hand"]), GAINS)
+    TaskBlock(kin.nv, [[hand]])
+    with pytest.raises(ConfigError, match="FramePositionTask"):
+        TaskBlock(kin.nv, [[hand]])

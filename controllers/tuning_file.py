@@ -119,7 +119,7 @@ def _replace(path: Path, text: str, tuning: Tuning) -> None:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
         written = tomllib.loads(Path(name).read_text(encoding="utf-8"))
-        if written != {"tuned": _plain(tuning.tuned)} | ({"safety": _plain(tuning.families)} if tuning.families else {}):
+        if (written["tuned"], written.get("safety", {})) != (_plain(tuning.tuned), _plain(tuning.families)):
             raise ValueError("its text means something else")
         # a temporary file is its owner's alone
         Path(name).chmod(0o644)

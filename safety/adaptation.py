@@ -22,7 +22,7 @@ push. From the term to the estimate this is
 
 so that by the small-gain theorem, cuts at zero and at the lower end included, the loop cannot run away: of the push
 after its filter it makes an estimate of at most :math:`1 + T_m/T` times that in the mean square (a sine of frequency
-:math:`1/\sqrt{T_m T}` is raised by as much). This is no bound of the peak: where nothing is cut, a push of changing sign
+:math:`1/\sqrt{T_m T}` is raised by as much). This is no bound of the peak: where nothing is cut, a push that changes
 can raise it by the integral of \|S\|'s impulse response, :math:`1 + c\,T_m/T` with c from :math:`4/\pi` for small
 :math:`T/T_m` to 2 for large. What bounds the peak in any case is the lower end. A steady push is not raised,
 :math:`S(0) = 1`. A joint that dry friction holds still does not follow, and the term grows until it moves or epsilon is

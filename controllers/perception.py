@@ -65,11 +65,12 @@ class SphereTracker:
         Raises:
             ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
         """
-        self._told = stamp
         out = []
         for radius, track in zip(self._radii, self.tracks, strict=True):
             position, velocity = track.estimate(stamp)
             # without kappa the covariance is not needed
             margin = self._kappa * track.position_sigma(stamp) if self._kappa else 0.0
             out.append(Obstacle.sphere(position, radius + margin, velocity if self._moving else np.zeros(3)))
+        # not before: what a refused stamp asked for was not handed out
+        self._told = stamp
         return out

@@ -98,25 +98,29 @@ def write_tuning(path: Path, tuning: Tuning) -> None:
     """Write a file that :func:`read_tuning` reads, whole or not at all.
 
     Raises:
-        ConfigError: it cannot be written, or ``tuned`` holds something else than numbers, strings and lists of them.
+        ConfigError: it cannot be written, or what was written is not what is read again; ``tuned`` holds something else
+            than numbers, strings and lists of them. The file that was there is left.
     """
     lines = ["# alpha [1/s] and epsilon of the safety filter's constraint families, as `safewbc tune` found them", ""]
     lines += ["[tuned]", *(f"{key} = {_literal(key, value)}" for key, value in tuning.tuned.items())]
     for family, values in tuning.families.items():
         lines += ["", f"[safety.{family}]", *(f"{key} = {_literal(key, value)}" for key, value in values.items())]
     try:
-        _replace(path, "\n".join(lines) + "\n")
-    except OSError as error:
+        _replace(path, "\n".join(lines) + "\n", tuning)
+    except (OSError, ValueError) as error:
         raise ConfigError("tuning file", str(path), f"a file that can be written ({error})") from error
 
 
-def _replace(path: Path, text: str) -> None:
-    """Write beside the file, then take its place: a reader sees the old text or the new one."""
+def _replace(path: Path, text: str, tuning: Tuning) -> None:
+    """Write beside the file, read it again, then take its place: a reader sees the old text or the new one."""
     path.parent.mkdir(parents=True, exist_ok=True)
     handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}.")
     try:
         with os.fdopen(handle, "w", encoding="utf-8") as file:
             file.write(text)
+        written = tomllib.loads(Path(name).read_text(encoding="utf-8"))
+        if (written["tuned"], written.get("safety", {})) != (_plain(tuning.tuned), _plain(tuning.families)):
+            raise ValueError("its text means something else")
         # a temporary file is its owner's alone
         Path(name).chmod(0o644)
         Path(name).replace(path)
@@ -126,14 +130,31 @@ def _replace(path: Path, text: str) -> None:
         raise
 
 
+def _plain(value: Any) -> Any:
+    """A value as TOML gives it back."""
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    return [_plain(item) for item in value] if isinstance(value, list | tuple) else value
+
+
 def _literal(key: str, value: Any) -> str:
     """A value in TOML."""
     if isinstance(value, bool):
         return "true" if value else "false"
-    if isinstance(value, int) or (isinstance(value, float) and math.isfinite(value)):
-        return repr(value)
+    if isinstance(value, int):
+        return str(int(value))
+    if isinstance(value, float) and math.isfinite(value):
+        # numpy's own would write its type as well
+        return repr(float(value))
     if isinstance(value, str):
-        return '"' + value.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n") + '"'
+        return '"' + "".join(_escaped(c) for c in value) + '"'
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_literal(key, item) for item in value) + "]"
     raise ConfigError(f"tuned.{key}", value, "a finite number, a string or a list of these")
+
+
+def _escaped(character: str) -> str:
+    """A character within a basic string of TOML, which holds no quotes, backslashes and control characters."""
+    if character in '"\\' or character < " " or character == "\x7f":
+        return f"\\u{ord(character):04X}"
+    return character

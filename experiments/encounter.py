@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from controllers.reference import WholeBodyReference
-from robots.checks import require_between, require_non_negative, require_one_of
+from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
@@ -18,16 +18,38 @@ RADIUS = 0.08
 """Radius of the passing sphere [m]."""
 
 SPEED = 0.25
-"""Its speed, from the robot's left to its right [m/s]."""
+"""Its speed [m/s]."""
 
 DISTANCE = 0.7
-"""How far to the left of the left hand it starts [m]."""
+"""How far beside the hand that it comes to first it starts [m]."""
 
 VELOCITIES = ("estimated", "zero", "true")
 """What the filter may be told of an obstacle's velocity."""
 
 AHEAD = 0.06
 """How far in front of the hand's place it passes [m]: less than its radius, so the hand has to give way."""
+
+
+@dataclass(frozen=True, slots=True)
+class Passage:
+    """How a sphere passes the hands.
+
+    Attributes:
+        radius: above 0 [m].
+        speed: above 0 [m/s].
+        height: of its centre above the hand's place [m].
+        from_left: whether it comes from the robot's left, to its right; else the other way.
+    """
+
+    radius: float = RADIUS
+    speed: float = SPEED
+    height: float = 0.0
+    from_left: bool = True
+
+    def __post_init__(self) -> None:
+        require_positive("passing sphere radius", self.radius)
+        require_positive("passing sphere speed", self.speed)
+        require_between("passing sphere height", self.height, -self.radius, self.radius)
 
 
 OVERLAP = 0.04
@@ -102,13 +124,19 @@ class Encounter:
 
 
 def passing_sphere(
-    settings: SensorSettings, robot: RobotDescription, reference: WholeBodyReference, rng: np.random.Generator
+    settings: SensorSettings,
+    robot: RobotDescription,
+    reference: WholeBodyReference,
+    rng: np.random.Generator,
+    passage: Passage | None = None,
 ) -> Encounter:
-    """A sphere that crosses in front of the robot at the height of its hands, through where they are."""
+    """A sphere that crosses in front of the robot at about the height of its hands, through where they are."""
     assert reference.hands is not None
-    hand: Array = reference.hands[0].position
-    start = hand + np.array([AHEAD, DISTANCE, 0.0])
-    sphere = PassingSphere(start, np.array([0.0, -SPEED, 0.0]), RADIUS)
+    passage = passage or Passage()
+    side = 1.0 if passage.from_left else -1.0
+    hand: Array = reference.hands[0 if passage.from_left else 1].position
+    start = hand + np.array([AHEAD, side * DISTANCE, passage.height])
+    sphere = PassingSphere(start, np.array([0.0, -side * passage.speed, 0.0]), passage.radius)
     sensor = PositionSensor(settings.rate, settings.noise, rng, settings.lost_at)
     return Encounter(sphere, sensor, settings)
 

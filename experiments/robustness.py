@@ -15,8 +15,9 @@ from controllers.motions import HandCircles, HandsToTargets, Motion, circle_sett
 from controllers.reference import WholeBodyReference
 from controllers.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.console import results_folder
+from experiments.encounter import Passage, passing_sphere
 from experiments.figures import Figure
-from experiments.hand_tracking import check_hand_tracking, hand_scenario
+from experiments.hand_tracking import check_hand_tracking, hand_scenario, obstacle_settings
 from experiments.options import (
     FilterOptions,
     HandTrackingOptions,
@@ -44,6 +45,10 @@ MASS, STEP_MASS, FRICTION, PAYLOAD, DELAY = (0.8, 1.3), (0.85, 1.25), (0.0, 2.0)
 """What is drawn: factor on all masses, the same of robots that walk, factor on the joints' friction, mass in each hand
 [kg], time from command to torque in whole milliseconds."""
 
+RADIUS, SPEED, HEIGHT = (0.075, 0.11), (0.22, 0.35), (-0.04, 0.04)
+"""What is drawn of the passing sphere besides the side it comes from: radius [m], speed [m/s], height above the hands
+[m]."""
+
 BEFORE: dict[str, dict[str, dict[str, float]]] = {
     robot: {
         "joint_limit": {"alpha": 10.0, "epsilon": 10.0},
@@ -58,6 +63,9 @@ BEFORE: dict[str, dict[str, dict[str, float]]] = {
     )
 }
 """Parameters of both robots from before they were tuned, to compare with."""
+
+NAMES = {"adaptive": "before, adaptive", "own-adaptive": "own, adaptive"}
+"""What sets of parameters are called in the table, where that is not what the option calls them."""
 
 SCENARIOS = ("target", "circles", "cross", "obstacle", "steps")
 """What happens in a run."""
@@ -81,10 +89,11 @@ ROBUSTNESS_COLUMNS = (
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """One draw: options of the run but for its filter, and the hands' motion where it is not one of the options'."""
+    """One draw: options of the run but for its filter; the hands' and the sphere's motion where no option gives it."""
 
     options: RunOptions
     hands: Callable[[RobotDescription, WholeBodyReference], Motion] | None = None
+    passage: Passage | None = None
 
 
 def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Drawn:
@@ -108,7 +117,9 @@ def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Drawn:
         z = min(heights) + share * (max(heights) - min(heights))
         return Drawn(dataclasses.replace(hands, motion="target", target=(x, y, z), duration=5.0))
     if scenario == "obstacle":
-        return Drawn(dataclasses.replace(hands, motion="hold", obstacle=True, duration=5.0))
+        radius, speed, height = (float(rng.uniform(*x)) for x in (RADIUS, SPEED, HEIGHT))
+        passage = Passage(radius, speed, height, from_left=bool(rng.uniform() < 0.5))
+        return Drawn(dataclasses.replace(hands, motion="hold", obstacle=True, duration=5.0), passage=passage)
     if scenario == "circles":
         size, period = rng.uniform(0.8, 1.2), rng.uniform(3.5, 7.0)
         return Drawn(dataclasses.replace(hands, duration=8.0), partial(_circles, size, period))
@@ -175,15 +186,20 @@ class RobustnessTask:
             "hand_rmse_m": summary["hand_rmse_m"],
             "hand_rmse_outside_conflict_m": summary["hand_rmse_outside_conflict_m"],
             "drawn": dataclasses.asdict(plant),
+            "passage": None if drawn.passage is None else dataclasses.asdict(drawn.passage),
         }
 
 
 def _result(robot: RobotDescription, drawn: Drawn, safety: FilterOptions) -> RunResult:
     options = dataclasses.replace(drawn.options, safety=safety)
-    if drawn.hands is None:
+    if drawn.hands is None and drawn.passage is None:
         return experiment_of(options).run(options)
     assert isinstance(options, HandTrackingOptions)
-    scenario = dataclasses.replace(hand_scenario(check_hand_tracking(options), options), hands=drawn.hands)
+    scenario = hand_scenario(check_hand_tracking(options), options)
+    if drawn.hands is not None:
+        scenario = dataclasses.replace(scenario, hands=drawn.hands)
+    if drawn.passage is not None and (seen := obstacle_settings(options)) is not None:
+        scenario = dataclasses.replace(scenario, encounter=partial(passing_sphere, seen, passage=drawn.passage))
     return run(scenario, options)
 
 
@@ -228,7 +244,7 @@ def check_robustness(options: RobustnessOptions) -> list[RobotDescription]:
         for parameters in options.parameters:
             if parameters in {"before", "adaptive"}:
                 require_one_of(f"robot of the parameters '{parameters}'", robot.name, tuple(BEFORE))
-            elif parameters != "own":
+            elif parameters not in {"own", "own-adaptive"}:
                 read_tuning(Path(parameters), robot.name)
     return robots
 
@@ -240,14 +256,14 @@ def robustness_tasks(options: RobustnessOptions, folder: Path) -> list[Robustnes
         sets = {p: filter_options(load_robot(name), p, folder) for p in options.parameters}
         for scenario in options.scenarios:
             for seed in range(options.first_seed, options.first_seed + options.seeds):
-                tasks += [RobustnessTask(name, scenario, seed, p, safety) for p, safety in sets.items()]
+                tasks += [RobustnessTask(name, scenario, seed, NAMES.get(p, p), safety) for p, safety in sets.items()]
     return tasks
 
 
 def filter_options(robot: RobotDescription, parameters: str, folder: Path) -> FilterOptions:
     """What a set of parameters means for the options of a run; files that it needs are written to ``folder``."""
-    if parameters == "own":
-        return FilterOptions()
+    if parameters in {"own", "own-adaptive"}:
+        return FilterOptions(adaptive=parameters == "own-adaptive")
     if parameters not in {"before", "adaptive"}:
         return FilterOptions(tuning=Path(parameters))
     file = folder / f"before-{robot.name}.toml"

@@ -130,21 +130,22 @@ class RobustnessOptions:
 
     Targets in the torso, circles through it, hands that change places, a sphere that passes them, side steps and walks,
     other ones than those that the parameters were tuned with. Of each seed everything is drawn: mass x0.8 to 1.3 (of
-    robots that walk 0.85 to 1.25), friction of the joints x0 to 2, delay 0 to 4 ms, 0 to 1 kg in each hand.
+    robots that walk 0.85 to 1.25), friction of the joints x0 to 2, delay 0 to 4 ms, 0 to 1 kg in each hand; radius,
+    speed, height and side of the sphere. Side steps differ from those of tuning in robot and seed only.
     """
 
     robots: tuple[str, ...] = ("g1", "tocabi")
     """Robots: g1, tocabi, or paths of .toml descriptions."""
     parameters: tuple[str, ...] = ("before", "own")
     """Sets of parameters to compare: own (the robot's), before (alpha 5 and epsilon 2 and the other guesses that came
-    before tuning, g1 and tocabi only), adaptive (those of before, epsilon adapted while running), or paths of files as
-    `safewbc tune` writes them."""
+    before tuning, g1 and tocabi only), adaptive (those of before, epsilon adapted while running), own-adaptive (the
+    robot's, adapted likewise), or paths of files as `safewbc tune` writes them."""
     scenarios: tuple[str, ...] = ("target", "circles", "cross", "obstacle", "steps")
     """What happens: target, circles, cross, obstacle, steps."""
     seeds: int = 20
     """How many, from --first-seed on [-]."""
-    first_seed: int = 0
-    """The first one [-]."""
+    first_seed: int = 1
+    """The first one; the runs of tuning have seed 0 [-]."""
     jobs: int = 2
     """Runs at a time [-]."""
     out: Path | None = None

@@ -47,6 +47,7 @@ class Choice:
         where: run of the smallest barrier.
         allowed: largest epsilon that the disturbance of that round would have allowed.
         good: the choice of an earlier round that kept its margin with a smaller epsilon.
+        tried: epsilon of the last round, of which ``least`` to ``allowed`` are; NaN before one.
     """
 
     alpha: float
@@ -59,6 +60,7 @@ class Choice:
     where: str = ""
     allowed: float = math.nan
     good: "Choice | None" = None
+    tried: float = math.nan
 
     @property
     def room(self) -> float:
@@ -105,6 +107,12 @@ def rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.2g}")
 
 
+def _room_allowed(choice: Choice) -> tuple[float, float]:
+    """Room at rest with the epsilon that was allowed, not as far as it goes in one round; alpha where that is equal."""
+    room = choice.squared / (choice.alpha * float(np.clip(choice.allowed, LEAST, MOST)))
+    return (math.inf if math.isnan(room) else room), choice.alpha
+
+
 class Tuner:
     """Rounds of runs, each with the parameters that the last one proposed.
 
@@ -143,7 +151,19 @@ class Tuner:
                 break
             seen = self._round(chosen)
             chosen = {f: self._judge(f, c, before[f], seen) for f, c in chosen.items()}
-        return {f: c if c.settled or c.good is None else c.good for f, c in chosen.items()}
+        return {f: self._ended(f, c) for f, c in chosen.items()}
+
+    def _ended(self, family: str, choice: Choice) -> Choice:
+        """What is left of a choice where no round is: parameters that a round was run with."""
+        if choice.settled or math.isnan(choice.tried):
+            return choice
+        if choice.good is not None:
+            return choice.good
+        # an epsilon that was proposed in the last round is one that no run has tried
+        note = "keeps its margin" if choice.least >= self._margins[family] else "margin missed"
+        if choice.epsilon != choice.tried:
+            note += f", rounds ended before epsilon {choice.epsilon:.3g} was tried"
+        return replace(choice, epsilon=choice.tried, note=note)
 
     def _first(self, chosen: dict[str, Choice], before: dict[str, Choice]) -> dict[str, Choice]:
         """A round for every slope: of each family that one which keeps the least room at rest."""
@@ -161,8 +181,7 @@ class Tuner:
     def _best(self, before: Choice, tried: Sequence[Choice]) -> Choice:
         met = [c for c in tried if not math.isnan(c.allowed) and not c.settled]
         if met:
-            # as far as it was allowed to go, not as far as it goes in one round
-            return min(met, key=lambda c: (c.squared / (c.alpha * float(np.clip(c.allowed, LEAST, MOST))), c.alpha))
+            return min(met, key=_room_allowed)
         # no row came to its limit, or every slope made a robot fall: nothing is known that could be better
         notes = [c.note for c in tried if c.settled]
         return replace(before, settled=True, note=notes[0] if notes else before.note)
@@ -172,7 +191,8 @@ class Tuner:
         judged = self._judge(family, choice, before, seen)
         if math.isnan(judged.allowed) or judged.note.startswith("kept"):
             return judged
-        most = max(LEAST, min(judged.allowed, MOST, GROWTH * choice.epsilon))
+        factor = GROWTH if judged.least >= self._margins[family] else CAUTION
+        most = max(LEAST, min(judged.allowed, MOST, factor * choice.epsilon))
         return replace(judged, settled=False, good=None, epsilon=max(self._least(family, choice), rounded_down(most)))
 
     def _judge(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
@@ -186,17 +206,20 @@ class Tuner:
             tried = f"alpha {choice.alpha:.3g}, epsilon {choice.epsilon:.3g}"
             note = f"kept: {fallen[0].run.name} {fallen[0].ended} with {tried}"
             return replace(before, settled=True, note=note)
-        bound = [(m, s.run.name) for s in own for m in s.measured if m.family == family and m.binding]
-        if not bound:
-            return replace(choice, note="not met")
-        worst, where = min(bound, key=lambda pair: pair[0].least)
+        # also of runs in which no condition bound: their barriers count, though no disturbance is known of them
+        measured = [(m, s.run.name) for s in own for m in s.measured if m.family == family]
+        worst, where = min(measured, key=lambda pair: pair[0].least, default=(None, ""))
+        bound = [m for m, _ in measured if m.binding]
+        if worst is None or not (bound or worst.least < self._margins[family] or math.isfinite(choice.tried)):
+            return replace(choice, note="not met", tried=choice.epsilon)
         known = replace(
             choice,
             least=worst.least,
             where=where,
-            push=max(m.push for m, _ in bound),
-            squared=float(np.median([m.squared for m, _ in bound])),
-            allowed=min(m.epsilon for m, _ in bound),
+            push=max((m.push for m in bound), default=math.nan),
+            squared=float(np.median([m.squared for m in bound])) if bound else math.nan,
+            allowed=min((m.epsilon for m in bound), default=math.inf),
+            tried=choice.epsilon,
         )
         if worst.least >= self._margins[family]:
             return self._kept(known)
@@ -209,6 +232,9 @@ class Tuner:
     def _kept(self, known: Choice) -> Choice:
         """After a round that kept the margin: done, unless epsilon may be larger by a good deal."""
         good = replace(known, settled=True, note="keeps its margin", good=None)
+        if math.isinf(known.allowed):
+            # no condition bound any more: nothing tells how much larger it may be
+            return good
         larger = rounded_down(max(LEAST, min(known.allowed, GROWTH * known.epsilon, MOST)))
         if larger < WORTH * known.epsilon:
             return good

@@ -15,9 +15,18 @@ epsilon is not at its lower end, h sinks no lower than with no disturbance. Not 
 changes within T, or one that the lower end cuts off.
 
 A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a
-push. From the term to what is seen of it the gain is at most :math:`T_m/(T_m + T)`, below 1 for every T above 0: it
-raises the estimate by at most :math:`1 + T_m/T`, and cannot run away. A joint that dry friction holds still does not
-follow, and the term grows until it moves or epsilon is at its lower end.
+push. From the term to the estimate this is
+
+.. math:: G(s) = \frac{T_m s}{(T_m s + 1)(T s + 1)},\quad |G(i\omega)| \le \frac{T_m}{T_m + T} < 1,
+    \qquad S = \frac{1}{1 - G} = 1 + \frac{T_m s}{T_m T s^2 + T s + 1}
+
+so that by the small-gain theorem, cuts at zero and at the lower end included, the loop cannot run away: of the push
+after its filter it makes an estimate of at most :math:`1 + T_m/T` times that in the mean square (a sine of frequency
+:math:`1/\sqrt{T_m T}` is raised by as much). This is no bound of the peak: where nothing is cut, a push that changes
+can raise it by the integral of \|S\|'s impulse response, :math:`1 + c\,T_m/T` with c from :math:`4/\pi` for small
+:math:`T/T_m` to 2 for large. What bounds the peak in any case is the lower end. A steady push is not raised,
+:math:`S(0) = 1`. A joint that dry friction holds still does not follow, and the term grows until it moves or epsilon is
+at its lower end.
 """
 
 from dataclasses import dataclass

@@ -126,7 +126,8 @@ class ObstacleTrack:
             Whether a measurement was accepted.
 
         Raises:
-            ConfigError: a number is not finite, or the stamp is older than the last one.
+            ConfigError: a number is not finite, the stamp is older than the last one, or ``received`` is further than
+                ``max_age`` beyond it: no estimate could rest on it any more. The track is left as it was.
         """
         if position is not None and (np.shape(position) != (3,) or not all_finite(np.asarray(position, dtype=float))):
             raise ConfigError("measured position", position, "three finite numbers")
@@ -134,8 +135,9 @@ class ObstacleTrack:
             raise ConfigError("measurement stamp", stamp, f"finite and not before {self._time:g} s")
         if received is None:
             received = stamp
-        if not math.isfinite(received):
-            raise ConfigError("time at which a measurement came in", received, "finite")
+        latest = stamp + self.settings.max_age
+        if not math.isfinite(received) or received > latest:
+            raise ConfigError("time at which a measurement came in", received, f"finite and at most {latest:g} s")
         self._advance(stamp)
         if position is None:
             return False

@@ -128,6 +128,35 @@ def test_no_track_can_be_used_at_no_time(stamp: float) -> None:
         tracker.obstacles(stamp)
 
 
+@pytest.mark.parametrize("stamp", [np.nan, np.inf, 50.0, -50.0])
+def test_a_refused_stamp_leaves_no_trace(stamp: float) -> None:
+    """What was asked of a wrong clock was not handed out: the next measurement goes on from what was."""
+    asked, other = observed(SphereTracker(RADII)), observed(SphereTracker(RADII))
+    for tracker in (asked, other):
+        tracker.obstacles(LAST)
+    with pytest.raises(ConfigError, match="age of the obstacle track"):
+        asked.obstacles(stamp)
+    for tracker in (asked, other):
+        assert all(tracker.observe(i, STARTS[i] + (LAST + 0.02) * RATES[i] + 0.005, LAST + 0.02) for i in range(2))
+    for ahead in (0.02, 0.025, 0.1):
+        for a, b in zip(asked.obstacles(LAST + ahead), other.obstacles(LAST + ahead), strict=True):
+            np.testing.assert_array_equal(a.position, b.position)
+            np.testing.assert_array_equal(a.velocity, b.velocity)
+
+
+def test_a_measurement_that_came_in_when_it_was_stale_is_refused() -> None:
+    """Otherwise its news would wait for a time that no estimate is given for."""
+    track, at_once = (observed(SphereTracker(RADII)).tracks[0] for _ in range(2))
+    z, stamp = STARTS[0] + (LAST + 0.02) * RATES[0] + 0.005, LAST + 0.02
+    with pytest.raises(ConfigError, match="time at which a measurement came in = 50"):
+        track.measure(z, stamp, 50.0)
+    # and the track is as it was: the same measurement, in time, is taken in
+    latest = stamp + track.settings.max_age
+    assert track.measure(z, stamp, latest)
+    assert at_once.measure(z, stamp)
+    assert (track.estimate(latest)[0] != at_once.estimate(latest)[0]).all()
+
+
 def test_an_obstacle_never_seen_is_a_fault() -> None:
     fault = SphereTracker([0.1]).fault(0.0)
     assert fault is not None

@@ -10,6 +10,7 @@ import pytest
 
 from controllers.tuning_file import read_tuning
 from experiments import robustness as study
+from experiments.encounter import AHEAD, DISTANCE, Passage
 from experiments.hand_tracking import check_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, LateralStepsOptions, PlantOptions, WalkOptions
 from experiments.registry import experiment_of
@@ -70,13 +71,63 @@ def test_the_hands_of_a_draw_are_those_that_run() -> None:
     assert np.abs(asked - usual).max() > 1e-3
 
 
+def test_seeds_are_not_those_of_tuning(tmp_path: Path) -> None:
+    tuned = {run.options.seed for run in tuning_runs(load_robot("g1"), TuneOptions())}
+    assert not tuned & {task.seed for task in robustness_tasks(RobustnessOptions(parameters=("own",)), tmp_path)}
+
+
+def test_spheres_are_drawn_and_pass_the_hand_that_they_come_to(robot_name: str) -> None:
+    robot = load_robot(robot_name)
+    draws = [draw(robot, robot_name, "obstacle", seed) for seed in range(40)]
+    passages = [d.passage for d in draws if d.passage is not None]
+    assert passages == [draw(robot, robot_name, "obstacle", seed).passage for seed in range(40)]
+    assert {p.from_left for p in passages} == {True, False}
+    for values, (low, high) in (
+        ([p.radius for p in passages], study.RADIUS),
+        ([p.speed for p in passages], study.SPEED),
+        ([p.height for p in passages], study.HEIGHT),
+    ):
+        assert low <= min(values) < max(values) <= high
+        assert np.ptp(values) > 0.8 * (high - low)
+    # closer than the radius, so the hand is in the way, and within the run
+    assert all(np.hypot(AHEAD, p.height) < p.radius for p in passages)
+    assert all(p.speed * draws[0].options.duration > DISTANCE + 2.0 * p.radius for p in passages)
+    assert draw(robot, robot_name, "target", 1).passage is None
+
+
+def test_the_sphere_of_a_draw_is_the_one_that_runs() -> None:
+    robot = load_robot("g1")
+    usual = draw(robot, "g1", "obstacle", 3)
+    short = dataclasses.replace(usual.options, duration=0.1)
+    spheres = {}
+    for from_left in (True, False):
+        passage = Passage(0.07, 0.3, 0.02, from_left)
+        series = study._result(robot, Drawn(short, passage=passage), FilterOptions()).series
+        spheres[from_left] = series["obstacle"]
+        hand = series["left_hand_ref" if from_left else "right_hand_ref"][0]
+        side = 1.0 if from_left else -1.0
+        elapsed = series["time"][-1] - series["time"][0]
+        np.testing.assert_allclose(series["obstacle"][0, :3] - hand, [AHEAD, side * DISTANCE, 0.02], atol=1e-3)
+        moved = series["obstacle"][-1] - series["obstacle"][0]
+        np.testing.assert_allclose(moved, [0.0, -side * 0.3 * elapsed, 0.0, 0.0], atol=1e-9)
+        assert (series["obstacle"][:, 3] == 0.07).all()
+
+
+@pytest.mark.parametrize("change", [{"radius": 0.0}, {"speed": -0.1}, {"height": 0.2}, {"height": np.nan}])
+def test_a_passage_that_cannot_be_is_refused(change: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match=f"passing sphere {next(iter(change))}"):
+        Passage(**change)  # type: ignore[arg-type]
+
+
 def test_sets_of_parameters_are_compared_on_the_same_draws(tmp_path: Path) -> None:
-    options = RobustnessOptions(robots=("tocabi",), parameters=("before", "own", "adaptive"), seeds=2)
+    options = RobustnessOptions(robots=("tocabi",), parameters=("before", "own", "adaptive", "own-adaptive"), seeds=2)
+    check_robustness(options)
     tasks = robustness_tasks(options, tmp_path)
-    assert len(tasks) == 3 * 2 * len(options.scenarios)
-    for a, b, c in zip(tasks[::3], tasks[1::3], tasks[2::3], strict=True):
-        assert {(t.scenario, t.seed) for t in (a, b, c)} == {(a.scenario, a.seed)}
-        assert [t.parameters for t in (a, b, c)] == ["before", "own", "adaptive"]
+    assert len(tasks) == 4 * 2 * len(options.scenarios)
+    for a, b, c, d in zip(*(tasks[i::4] for i in range(4)), strict=True):
+        assert {(t.scenario, t.seed) for t in (a, b, c, d)} == {(a.scenario, a.seed)}
+        assert [t.parameters for t in (a, b, c, d)] == ["before", "own", "before, adaptive", "own, adaptive"]
+        assert d.safety == FilterOptions(adaptive=True)
         assert a.safety.tuning == c.safety.tuning
         assert (a.safety.adaptive, c.safety.adaptive) == (False, True)
         assert b.safety == FilterOptions()

@@ -79,9 +79,12 @@ def tuner(
     falls: Callable[[float, float], bool],
     start: float = 4.0,
     ratios: dict[str, float] | None = None,
+    unbound: Callable[[float, float], float] | None = None,
     **options: Any,
 ) -> tuple[dict[str, Choice], list[dict[str, dict[str, float]]]]:
     """Tunes robots that are formulas: ``model`` gives the push and the squared gradient of a family at alpha, epsilon.
+
+    ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds.
 
     Returns:
         The choice, and the parameters of each round.
@@ -99,6 +102,11 @@ def tuner(
                 margin = task.margins[family]
                 least = (squared / epsilon - push) / alpha
                 measured.append(Measured(family, least, squared / (alpha * margin + push), push, squared, 100))
+            own = rounds[-1]["self_collision"]
+            if unbound is not None and task.run.name.startswith("cross"):
+                measured = [m for m in measured if m.family != "self_collision"]
+                least = unbound(own["alpha"], own["epsilon"])
+                measured.append(Measured("self_collision", least, math.inf, 0.0, math.nan, 0))
             legs = rounds[-1]["leg_collision"]
             fell = "leg_collision" in task.run.families and falls(legs["alpha"], legs["epsilon"])
             yield Seen(task.run, "fell" if fell else "", tuple(measured))
@@ -199,6 +207,49 @@ def test_other_families_are_left_alone(tmp_path: Path, monkeypatch: pytest.Monke
     for family in set(GUARANTEED) - {"self_collision"}:
         assert (chosen[family].alpha, chosen[family].epsilon) == (5.0, 4.0)
         assert all(r[family] == rounds[0][family] for r in rounds)
+
+
+@pytest.mark.parametrize("scenarios", ["all", "cross"])
+def test_a_barrier_below_its_margin_counts_where_no_condition_bound(
+    scenarios: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    margin = TuneOptions().margin
+
+    def unbound(alpha: float, epsilon: float) -> float:
+        return 0.02 / (alpha * epsilon)
+
+    if scenarios == "cross":
+        only = [run for run in possible_runs(load_robot("g1"), TuneOptions()) if run.name.startswith("cross")]
+        monkeypatch.setitem(globals(), "possible_runs", lambda robot, options: only)
+    chosen, rounds = tuner(
+        tmp_path, monkeypatch, lambda f, a, e: (0.001, 0.06), lambda a, e: False, unbound=unbound, rounds=15
+    )
+    own = chosen["self_collision"]
+    assert own.note == "keeps its margin"
+    assert own.least == pytest.approx(unbound(own.alpha, own.epsilon))
+    assert own.least >= margin
+    assert own.where.startswith("cross")
+    assert {"alpha": own.alpha, "epsilon": own.epsilon} in [r["self_collision"] for r in rounds]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 4])
+@pytest.mark.parametrize("start", [0.5, 4.0, 20.0])
+def test_what_is_written_when_rounds_end_is_what_a_run_has_tried(
+    count: int, start: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # the push grows with what epsilon asks for, so that it sinks round after round
+    def model(family: str, alpha: float, epsilon: float) -> tuple[float, float]:
+        return 0.02 * (1.0 + 1.0 / epsilon), 0.06
+
+    chosen, rounds = tuner(tmp_path, monkeypatch, model, lambda a, e: False, start, rounds=count)
+    for family, choice in chosen.items():
+        assert {"alpha": choice.alpha, "epsilon": choice.epsilon} in [r[family] for r in rounds]
+        push, squared = model(family, choice.alpha, choice.epsilon)
+        assert choice.least == pytest.approx((squared / choice.epsilon - push) / choice.alpha)
+        margin = TuneOptions().margin_angle if family == "joint_limit" else TuneOptions().margin
+        assert choice.note.startswith("keeps its margin" if choice.least >= margin else "margin missed")
+        if not choice.settled:
+            assert ("rounds ended before epsilon" in choice.note) == (count == 1 or choice.least < margin)
 
 
 def test_what_cannot_be_reached_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

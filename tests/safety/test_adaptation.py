@@ -104,6 +104,47 @@ def test_with_motors_that_lag_the_loop_settles(lag: float, time: float, size: fl
     assert np.ptp(heights[-200:]) < 1e-3 * heights[-1]
 
 
+def lagging_loop(filtered: Array, lag: float, time: float, dt: float) -> Array:
+    """Estimates of the push, shape (n,), on a row held at h = 0 by motors that lag; ``filtered`` (n,) is the push after
+    the adapter's filter, as it would be without the motors' lag."""
+    adapter, jac = EpsilonAdapter(PARAMETERS, AdaptationTuning(time, 1e-9), dt), np.array([[1.0]])
+    share = -math.expm1(-dt / time)
+    before = np.r_[0.0, filtered[:-1]]
+    pushes = before + (filtered - before) / share
+    v, estimates = 0.25, []
+    for push in pushes.tolist():
+        adapter.told(np.array([0.25 + (estimates[-1] if estimates else 0.0)]))
+        estimates.append(1.0 / adapter.epsilon(rows(jac), np.array([v - push]))[0] - 0.25)
+        v += -math.expm1(-dt / lag) * (0.25 + estimates[-1] - v)
+    return np.array(estimates)
+
+
+@pytest.mark.parametrize(("lag", "time"), [(0.1, 0.01), (0.1, 0.03), (0.05, 0.05), (0.02, 0.2)])
+def test_lag_raises_the_estimate_by_a_known_factor_in_the_mean_square_and_its_peak_by_more(
+    lag: float, time: float
+) -> None:
+    dt, bias, size = 2e-4, 10.0, 0.2
+    n = settled = round(20.0 * max(lag, time) / dt)
+    factor, frequency = 1.0 + lag / time, 1.0 / math.sqrt(lag * time)
+    sine = size * np.sin(frequency * dt * np.arange(settled + n))
+    raised = lagging_loop(bias + sine, lag, time, dt) - bias
+    assert raised[settled:].std() / sine[settled:].std() == pytest.approx(factor, rel=0.02)
+    # the push that raises the last estimate most: the signs of the impulse response, backwards
+    response = np.real(_impulse_response(lag, time, dt * np.arange(n)))
+    worst = np.r_[np.zeros(settled), size * np.sign(response[::-1])]
+    raised = lagging_loop(bias + worst, lag, time, dt)[settled:] - bias
+    peak = raised.max() / size
+    assert peak == pytest.approx(1.0 + dt * np.abs(response).sum(), rel=0.02)
+    assert factor < peak < 1.0 + 2.0 * lag / time
+    assert np.square(raised).sum() < factor**2 * np.square(worst).sum()
+
+
+def _impulse_response(lag: float, time: float, t: Array) -> Array:
+    """Of lag s / (lag time s^2 + time s + 1), which the loop adds to the push."""
+    a, b = np.roots([lag * time, time, 1.0]).astype(complex)
+    return np.asarray((a * np.exp(a * t) - b * np.exp(b * t)) / (time * (a - b)))
+
+
 def test_a_joint_that_friction_holds_is_told_more_until_the_lower_end() -> None:
     adapter, jac = EpsilonAdapter(PARAMETERS, AdaptationTuning(0.05, 0.1), DT), np.array([[0.3]])
     told, seen = [], []

@@ -82,7 +82,7 @@ class EpsilonAdapter:
 
     def told(self, v_safe: Array) -> None:
         """The velocity (nv,) that the robot is told to take on until the next tick."""
-        self._told = v_safe
+        self._told = v_safe.copy()
 
     def epsilon(self, rows: BarrierRows, velocity: Array) -> Array:
         """The epsilon of every row.

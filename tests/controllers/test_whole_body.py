@@ -270,3 +270,25 @@ def test_a_mirrored_state_gets_the_mirrored_command(name: str) -> None:
             ):
                 np.testing.assert_allclose(b, mirrored_joints(robot, a), rtol=0, atol=tolerance)
     assert filtered == (name != "none")
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+def test_after_a_reset_nothing_of_the_ticks_before_is_left(robot: RobotDescription, adaptive: bool) -> None:
+    """Hands sent into each other inside the torso, disturbed: command to go on from, correction, estimate, torques."""
+    config = controller_config(robot, filter="issf", adaptive=adaptive)
+    rng, (used, reference), (fresh, _) = np.random.default_rng(6), ready(robot, config), ready(robot, config)
+    assert reference.hands is not None
+    state = at_rest(robot, "hands_front")
+    # every joint beyond its upper limit; where epsilon counts, just within it
+    state.q[7:] = robot.position_limits[1] + (-0.01 if adaptive else 0.05)
+    for hand in reference.hands:
+        hand.position += [0.0, 0.0, 0.5]
+    for _ in range(30):
+        # steadily towards the limits: noise would not be taken for a disturbance
+        used.tick(replace(state, v=rng.uniform(0.2, 0.4, state.v.size)), reference)
+    for controller in (used, fresh):
+        controller.reset(state)
+    here, there = used.tick(state, reference), fresh.tick(state, reference)
+    assert there.safety.status != FilterStatus.UNCHANGED
+    np.testing.assert_allclose(here.safety.v, there.safety.v, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(here.command.tau, there.command.tau, rtol=0, atol=1e-5)

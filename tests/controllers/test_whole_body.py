@@ -279,8 +279,9 @@ def test_after_a_reset_nothing_of_the_ticks_before_is_left(robot: RobotDescripti
     rng, (used, reference), (fresh, _) = np.random.default_rng(6), ready(robot, config), ready(robot, config)
     assert reference.hands is not None
     state = at_rest(robot, "hands_front")
-    # every joint beyond its upper limit; where epsilon counts, just within it
-    state.q[7:] = robot.position_limits[1] + (-0.01 if adaptive else 0.05)
+    # one joint just within its limit, so that epsilon counts; or all beyond theirs, so that the filter has to recover
+    moved = slice(-1, None) if adaptive else slice(7, None)
+    state.q[moved] = robot.position_limits[1][-1:] - 0.01 if adaptive else robot.position_limits[1] + 0.05
     for hand in reference.hands:
         hand.position += [0.0, 0.0, 0.5]
     for _ in range(30):

@@ -282,7 +282,7 @@ def test_after_a_reset_nothing_of_the_ticks_before_is_left(robot: RobotDescripti
     # one joint just within its limit, so that epsilon counts; or all beyond theirs, so that the filter has to recover
     moved = slice(-1, None) if adaptive else slice(7, None)
     state.q[moved] = robot.position_limits[1][-1:] - 0.01 if adaptive else robot.position_limits[1] + 0.05
-    reference.joints = state.q[7:].copy()
+    reference.joints = state.q[7:] + 0.5
     for hand in reference.hands:
         hand.position += [0.0, 0.0, 0.0 if adaptive else 0.5]
     for _ in range(30):

@@ -92,6 +92,7 @@ class Figures:
         cpu: by the time that the thread had a processor.
         stages_ms: median and 99.9th percentile of each stage, and of what the supervisor adds, by processor time [ms].
         statuses: number of ticks by what the filter said.
+        spent: ticks on which the filter's answer is the best that was found before a budget was spent.
         unsolved: ticks on which DynWBC had no answer.
         stops: how often the supervisor stopped the robot; it was then put back.
         collections: of Python's collector that began within a tick, set off by what the sequence itself makes too.
@@ -108,6 +109,7 @@ class Figures:
     cpu: Times
     stages_ms: dict[str, tuple[float, float]]
     statuses: dict[str, int]
+    spent: int
     unsolved: int
     stops: int
     collections: int
@@ -143,7 +145,7 @@ class Log:
         self.stages = np.full((ticks, len(STAGES)), np.nan)
         self.status = np.full(ticks, -1, dtype=np.int8)
         self.kept = np.full(ticks, np.nan)
-        self.unsolved = np.zeros(ticks, dtype=bool)
+        self.unsolved, self.spent = np.zeros(ticks, dtype=bool), np.zeros(ticks, dtype=bool)
         self.stopped = np.zeros(ticks, dtype=bool)
 
     def statuses(self) -> dict[str, int]:
@@ -180,6 +182,7 @@ def play(course: Course, ticks: int) -> Figures:
         Times.of(log.cpu),
         log.stages_ms(),
         log.statuses(),
+        int(log.spent.sum()),
         int(log.unsolved.sum()),
         int(log.stopped.sum()),
         collections.count,
@@ -206,7 +209,7 @@ def _run(course: Course, log: Log, collections: Collections) -> None:
             log.kept[i] = gc.get_count()[0] - kept
         if result is not None:
             log.stages[i], log.status[i] = result.stage_seconds, order.index(result.safety.status)
-            log.unsolved[i] = result.dynwbc.status != "optimal"
+            log.unsolved[i], log.spent[i] = result.dynwbc.status != "optimal", result.safety.spent
             course.follow(result)
         if course.supervisor.blind:
             log.stopped[i] = True
@@ -274,7 +277,10 @@ def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
     times = Table(title=f"{title}: {sum(f.ticks for f in figures)} ticks", box=SIMPLE_HEAD, title_justify="left")
     events = Table(box=SIMPLE_HEAD)
     heads = ("rows", "median", "p99", "p99.9", "max", "late", "in a row", "CPU p99.9", "max", "late", "in a row")
-    for table, columns in ((times, heads), (events, (*STATUSES, "no torques", "stops", "gc", "kept", "heap", "RSS"))):
+    for table, columns in (
+        (times, heads),
+        (events, (*STATUSES, "spent", "no torques", "stops", "gc", "kept", "heap", "RSS")),
+    ):
         table.add_column("sequence")
         for column in columns:
             table.add_column(column, justify="right")
@@ -283,6 +289,6 @@ def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
         by_clock = (f"{x:.2f}" for x in (wall.median_ms, wall.p99_ms, wall.p999_ms, wall.max_ms))
         by_cpu = (f"{cpu.p999_ms:.2f}", f"{cpu.max_ms:.2f}", str(cpu.late), str(cpu.in_a_row))
         times.add_row(f.sequence, str(f.rows), *by_clock, str(wall.late), str(wall.in_a_row), *by_cpu)
-        counts = (*(f.statuses[s] for s in STATUSES), f.unsolved, f.stops, f.collections)
+        counts = (*(f.statuses[s] for s in STATUSES), f.spent, f.unsolved, f.stops, f.collections)
         events.add_row(f.sequence, *map(str, counts), f"{f.kept:.1f}", str(f.heap_blocks), f"{f.rss_mb:.1f}")
     return times, events

@@ -38,7 +38,7 @@ EPISODE = 250
 LATE = 2e-3
 """A tick that takes longer is late [s]: the period at 500 Hz."""
 
-WIDTH = 120
+WIDTH = 132
 """Characters that the tables need; a narrower terminal breaks their lines."""
 
 STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.UNSAFE)

@@ -107,12 +107,6 @@ def rounded_up(value: float) -> float:
     return float(f"{math.ceil(value / unit * (1.0 - 1e-12)) * unit:.2g}")
 
 
-def _room_allowed(choice: Choice) -> tuple[float, float]:
-    """Room at rest with the epsilon that was allowed, not as far as it goes in one round; alpha where that is equal."""
-    room = choice.squared / (choice.alpha * float(np.clip(choice.allowed, LEAST, MOST)))
-    return (math.inf if math.isnan(room) else room), choice.alpha
-
-
 class Tuner:
     """Rounds of runs, each with the parameters that the last one proposed.
 
@@ -176,15 +170,25 @@ class Tuner:
             }
             seen = self._round(start)
             tried.append({f: self._propose(f, c, before[f], seen) for f, c in start.items()})
-        return {f: c if c.settled else self._best(before[f], [t[f] for t in tried]) for f, c in chosen.items()}
+        return {f: c if c.settled else self._best(f, before[f], [t[f] for t in tried]) for f, c in chosen.items()}
 
-    def _best(self, before: Choice, tried: Sequence[Choice]) -> Choice:
+    def _best(self, family: str, before: Choice, tried: Sequence[Choice]) -> Choice:
         met = [c for c in tried if not math.isnan(c.allowed) and not c.settled]
         if met:
-            return min(met, key=_room_allowed)
+            return min(met, key=lambda choice: self._rank(family, choice))
         # no row came to its limit, or every slope made a robot fall: nothing is known that could be better
         notes = [c.note for c in tried if c.settled]
         return replace(before, settled=True, note=notes[0] if notes else before.note)
+
+    def _rank(self, family: str, choice: Choice) -> tuple[float, float]:
+        """Room at rest with the epsilon that is allowed, not as far as it goes in one round; where two have the same, the
+        one whose barriers stayed larger comes first.
+
+        Where the robot's own postures bound epsilon, as they do the product with alpha, all slopes have the same.
+        """
+        epsilon = max(float(np.clip(choice.allowed, LEAST, MOST)), self._least(family, choice))
+        room = choice.squared / (choice.alpha * epsilon)
+        return (math.inf if math.isnan(room) else float(f"{room:.1g}")), -choice.least
 
     def _propose(self, family: str, choice: Choice, before: Choice, seen: Iterable[Seen]) -> Choice:
         """What the runs with these parameters allow; settled where they must not be taken."""

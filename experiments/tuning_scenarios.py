@@ -69,6 +69,10 @@ def corner_plants(robot: RobotDescription, options: TuneOptions) -> dict[str, Pl
         load = payload(robot, options.payload, heavy)
         plants["loaded"] = dataclasses.replace(plants["heavy"], joint_friction_scale=least, link_mass=load)
         plants["loaded, stiff"] = dataclasses.replace(plants["heavy"], link_mass=load)
+        light_load = payload(robot, options.payload, light)
+        plants["light, loaded, stiff"] = dataclasses.replace(
+            plants["loaded, stiff"], mass_scale=light, link_mass=light_load
+        )
     return plants
 
 

@@ -181,10 +181,10 @@ class Tuner:
         return replace(before, settled=True, note=notes[0] if notes else before.note)
 
     def _rank(self, family: str, choice: Choice) -> tuple[float, float]:
-        """Room at rest with the epsilon that is allowed, not as far as it goes in one round; where two have the same, the
-        one whose barriers stayed larger comes first.
+        """How a slope compares, the least is the best: room at rest, then how far barriers sank.
 
-        Where the robot's own postures bound epsilon, as they do the product with alpha, all slopes have the same.
+        Of the room with the epsilon that is allowed, not as far as it goes in one round. Where the robot's own postures
+        bound epsilon, as they do the product with alpha, all slopes have the same room.
         """
         epsilon = max(float(np.clip(choice.allowed, LEAST, MOST)), self._least(family, choice))
         room = choice.squared / (choice.alpha * epsilon)

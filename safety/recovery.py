@@ -46,7 +46,7 @@ Eased rows with :math:`h_i \ge 0` stay eased until they ask for all they do othe
 the ISSf-CBF's promise :math:`h \ge -\varepsilon \delta^2 / (4 \alpha)` is suspended for them: they may not fall by what
 the filter asks, but nothing makes up for a disturbance yet.
 
-The search for :math:`v^r` has a budget (:data:`wbc.active_set.ROUNDS`). Where the rows that hold contradict each other,
+The search for :math:`v^r` has a budget (``ROUNDS``). Where the rows that hold contradict each other,
 it is done once more without those. Where it is spent, lost rows are asked for what the last command gives them.
 """
 
@@ -67,6 +67,9 @@ SOFT_ROWS = 64
 
 SUDDEN = 0.2
 """A deep row that the last command is short of by more than this share of its recovery speed is eased."""
+
+ROUNDS = 60
+"""Budget: changes of the active set in the search for the velocity that weighs lost rows."""
 
 CARRIED = 3.0
 """Largest entry of the last correction that is carried on [rad/s, m/s]."""
@@ -236,7 +239,7 @@ class Recovery:
         n, k, m = nominal.size, self._soft, self._n_rows
         if self._search is None:
             softness = np.concatenate([np.zeros(n), np.ones(k), np.zeros(m)])
-            self._search = ActiveSet(n, k + m, softness, soft_room=k)
+            self._search = ActiveSet(n, k + m, softness, ROUNDS, soft_room=k)
         matrix = np.concatenate([soft, np.tile(np.eye(1, n), (k - len(soft), 1)), A])
         lower = np.concatenate([-limit, asked, np.full(k - len(soft), -UNBOUNDED), held])
         upper = np.concatenate([limit, np.full(k + m, UNBOUNDED)])

@@ -37,7 +37,7 @@ from numba import njit, types
 
 from robots.kernel_types import MATRIX, ORDER_FREE, OUT, OUT_ROWS, PLACES, VECTOR
 from robots.messages import Array, Indices
-from wbc.posture import add_damped_posture, add_posture, project
+from wbc.posture import add_damped_posture, add_posture, move, project
 
 SWEEPS = 10
 """Passes over all pairs of rows while they are made orthogonal; convergence is quadratic, 5 or 6 are usual."""
@@ -67,17 +67,13 @@ def damped_velocity(
     return solve_levels(jacobian, command, sizes, thresholds, np.zeros(0) if posture is None else posture)
 
 
-@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _move(directions: Array, shares: Array, count: int, step: Array) -> None:
-    """Z times a step, in place; a step has no part along the directions that are used as a whole."""
-    for d in range(count - 1, -1, -1):
+@njit(types.boolean(VECTOR, types.int64), cache=True, error_model="numpy")
+def _any_damped(shares: Array, count: int) -> bool:
+    """Whether one of the ``count`` directions is not used as a whole."""
+    for d in range(count):
         if shares[d] < 1.0:
-            direction, along = directions[d], 0.0
-            for j in range(step.size):
-                along += direction[j] * step[j]
-            along *= shares[d]
-            for j in range(step.size):
-                step[j] -= along * direction[j]
+            return True
+    return False
 
 
 @njit(types.boolean(OUT_ROWS, types.float64), cache=True, error_model="numpy")
@@ -240,7 +236,9 @@ def _add_level(
         used += size
     else:
         used = _solve_damped(rows, residual, threshold, directions, shares, count, step)
-    _move(directions, shares, count, step)
+    # a step has no part along directions that are used as a whole
+    if _any_damped(shares, count):
+        move(directions, shares, count, step)
     for j in range(nv):
         velocity[j] += step[j]
     return used
@@ -265,10 +263,8 @@ def solve_levels(jacobian: Array, command: Array, sizes: Indices, thresholds: Ar
         count = _add_level(jacobian[rows], command[rows], thresholds[level], directions, shares, count, velocity)
         start += sizes[level]
     if posture.size:
-        left, damped = posture - velocity[nv - posture.size :], False
-        for d in range(count):
-            damped |= shares[d] < 1.0
-        if damped:
+        left = posture - velocity[nv - posture.size :]
+        if _any_damped(shares, count):
             add_damped_posture(directions, shares, count, left, velocity)
         else:
             add_posture(directions, shares, count, left, velocity)

@@ -23,6 +23,18 @@ def project(directions: Array, shares: Array, count: int, row: Array) -> None:
             row[j] -= along * direction[j]
 
 
+@njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def move(directions: Array, shares: Array, count: int, step: Array) -> None:
+    """Z times a step, in place: takes off the share of each of the ``count`` directions, the last first."""
+    for d in range(count - 1, -1, -1):
+        direction, along = directions[d], 0.0
+        for j in range(step.size):
+            along += direction[j] * step[j]
+        along *= shares[d]
+        for j in range(step.size):
+            step[j] -= along * direction[j]
+
+
 @njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy")
 def add_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
     """The posture's step where no direction is damped.
@@ -71,12 +83,7 @@ def add_damped_posture(directions: Array, shares: Array, count: int, residual: A
     if factorise(normal, factor):
         forward(factor, step)
         backward(factor, step)
-        # what rounding left along directions that are used as a whole
-        for d in range(count - 1, -1, -1):
-            along = 0.0
-            for j in range(nv):
-                along += directions[d, j] * step[j]
-            for j in range(nv):
-                step[j] -= shares[d] * along * directions[d, j]
+        # and with it goes what rounding left along directions that are used as a whole
+        move(directions, shares, count, step)
         for j in range(nv):
             velocity[j] += step[j]

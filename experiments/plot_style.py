@@ -72,8 +72,14 @@ def style_axes(axes: Sequence[Axes]) -> None:
             spine.set_color("#b8c1cb")
 
 
-def finish(figure: Figure, time_axes: Sequence[Axes], results: Sequence[RunResult]) -> bytes:
-    """Time labels, one legend of runs over the figure, sizes of text; the PNG."""
+def shared_legend(figure: Figure, axis: Axes, columns: int) -> None:
+    """One legend over the figure, of the lines of one of its axes."""
+    handles, labels = axis.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=columns, frameon=False, fontsize=9)
+
+
+def finish(figure: Figure, time_axes: Sequence[Axes], results: Sequence[RunResult] = ()) -> bytes:
+    """Time labels, one legend of runs over the figure where there are any, sizes of text; the PNG."""
     for axis in time_axes:
         axis.set_xlabel("time [s]")
     for axis in figure.axes:

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -11,10 +10,9 @@ from controllers.config import ControllerConfig, controller_config
 from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
-from experiments.console import make_console
 from experiments.figures import Figure
 from experiments.options import BenchOptions
-from experiments.study_print import frame, png, print_study, write_study
+from experiments.study_print import Runs, show_study
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -46,9 +44,6 @@ DURATION = 1.5
 TITLE = f"a start inside the torso, {DURATION:g} s"
 """Of the table."""
 
-TABLE_WIDTH = 110
-"""Width of the table."""
-
 COLUMNS = (
     Figure("robot", "robot"),
     Figure("filter", "filter"),
@@ -64,24 +59,14 @@ COLUMNS = (
 
 
 def bench_recovery(options: BenchOptions) -> int:
-    """:func:`recovery`, from the command line."""
-    return recovery(options.out)
-
-
-def recovery(out: Path | None) -> int:
-    """Run all starts and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
-    console = make_console()
-    console.width = max(console.width, TABLE_WIDTH)
-    with console.status("leaving the torso"):
-        runs = recovery_study()
-    figures = [figures for figures, _ in runs]
-    print_study(console, TITLE, COLUMNS, figures)
-    if out is not None:
-        write_study(console, out, figures, recovery_plot(runs))
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(recovery_study, recovery_plot, "leaving the torso", TITLE, COLUMNS, options.out)
     return 0
 
 
-def recovery_study(robots: Sequence[str] = tuple(STARTS), filters: Sequence[str] = FILTERS) -> list[tuple[Any, Any]]:
+def recovery_study(
+    robots: Sequence[str] = tuple(STARTS), filters: Sequence[str] = FILTERS, duration: float = DURATION
+) -> list[tuple[Any, Any]]:
     """Figures and series of every robot and filter, strict and eased."""
     runs: list[tuple[Any, Any]] = []
     for name in robots:
@@ -90,7 +75,7 @@ def recovery_study(robots: Sequence[str] = tuple(STARTS), filters: Sequence[str]
             eased = controller_config(robot, filter=filter_name)
             strict = dataclasses.replace(eased, safety=dataclasses.replace(eased.safety, recovery_weight=0.0))
             for way_out, config in (("strict", strict), ("eased", eased)):
-                series = leave_collision(robot, config)
+                series = leave_collision(robot, config, duration)
                 case = {"robot": name, "filter": filter_name, "way_out": way_out}
                 runs.append((case | recovery_figures(series, config), series))
     return runs
@@ -147,30 +132,25 @@ def recovery_figures(series: Mapping[str, Array], config: ControllerConfig) -> d
     }
 
 
-def recovery_plot(runs: Sequence[tuple[Any, Any]], filters: Sequence[str] = ("issf", "ssa")) -> bytes:
+def recovery_plot(runs: Runs, filters: Sequence[str] = ("issf", "ssa")) -> bytes:
     """The smallest h and the largest step of the command over time, strict and eased; a PNG."""
-    from matplotlib.figure import Figure as Drawing
-
-    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
+    from experiments.plot_style import FILTERED, finish, new_figure, shared_legend
 
     robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
-    drawing = Drawing(figsize=(WIDTH, 5.6), dpi=DPI, layout="constrained")
-    axes = drawing.subplots(2, len(robots), sharex=True, squeeze=False)
+    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
+    upper, lower = axes[: len(robots)], axes[len(robots) :]
+    for axis, robot in zip(upper, robots, strict=True):
+        axis.set_title(robot)
     for figures, series in runs:
         if figures["filter"] not in filters:
             continue
         column, colour = robots.index(figures["robot"]), FILTERED[filters.index(figures["filter"])]
-        style = {"color": colour, "lw": 1.3, "ls": "-" if figures["way_out"] == "eased" else ":"}
+        style: dict[str, Any] = {"color": colour, "lw": 1.3, "ls": "-" if figures["way_out"] == "eased" else ":"}
         label = f"{figures['filter']}, {figures['way_out']}"
-        axes[0, column].plot(series["time"], 1e3 * series["h"], label=label, **style)
+        upper[column].plot(series["time"], 1e3 * series["h"], label=label, **style)
         steps = np.abs(np.diff(series["v"], axis=0)).max(axis=1)
-        axes[1, column].semilogy(series["time"][1:], np.maximum(steps, 1e-5), **style)
-        axes[0, column].set_title(figures["robot"], fontsize=9, color=INK, fontweight="bold")
-    frame(axes.ravel())
-    axes[0, 0].set_ylabel("smallest h [mm]", fontsize=8.5, color=INK)
-    axes[1, 0].set_ylabel("step of the command [rad/s]", fontsize=8.5, color=INK)
-    for axis in axes[1]:
-        axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside upper center", ncols=4, frameon=False, fontsize=8.5)
-    return png(drawing)
+        lower[column].semilogy(series["time"][1:], np.maximum(steps, 1e-5), **style)
+    upper[0].set_ylabel("smallest h [mm]")
+    lower[0].set_ylabel("step of the command [rad/s]")
+    shared_legend(drawing, upper[0], 4)
+    return finish(drawing, lower)

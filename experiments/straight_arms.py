@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.console import make_console
 from experiments.figures import Figure
 from experiments.hand_tracking import run_hand_tracking
 from experiments.options import BenchOptions, FilterOptions, HandTrackingOptions
-from experiments.study_print import frame, png, print_study, write_study
+from experiments.study_print import Runs, show_study
 from robots.messages import Array
 
 TARGETS: Mapping[str, tuple[float, float, float]] = {
@@ -33,9 +32,6 @@ LIMIT = 0.3
 TITLE = f"hands out of reach, {DURATION:g} s"
 """Of the table."""
 
-TABLE_WIDTH = 110
-"""Width of the table."""
-
 COLUMNS = (
     Figure("robot", "robot"),
     Figure("target", "target"),
@@ -50,15 +46,8 @@ COLUMNS = (
 
 
 def bench_straight(options: BenchOptions) -> int:
-    """Run all targets and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
-    console = make_console()
-    console.width = max(console.width, TABLE_WIDTH)
-    with console.status("sending the hands away"):
-        runs = straight_study()
-    figures = [figures for figures, _ in runs]
-    print_study(console, TITLE, COLUMNS, figures)
-    if options.out is not None:
-        write_study(console, options.out, figures, straight_plot(runs))
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(straight_study, straight_plot, "sending the hands away", TITLE, COLUMNS, options.out)
     return 0
 
 
@@ -107,16 +96,16 @@ def command_steps(series: Mapping[str, Array]) -> Array:
     return steps
 
 
-def straight_plot(runs: Sequence[tuple[dict[str, Any], dict[str, Array]]], target: str = "up") -> bytes:
+def straight_plot(runs: Runs, target: str = "up") -> bytes:
     """Commanded velocity of the left elbow and largest step of all joints' over time, without a filter; a PNG."""
-    from matplotlib.figure import Figure as Drawing
-
-    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
+    from experiments.plot_style import FILTERED, finish, new_figure, shared_legend
     from robots.loader import load_robot
 
     robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
-    drawing = Drawing(figsize=(WIDTH, 5.6), dpi=DPI, layout="constrained")
-    axes = drawing.subplots(2, len(robots), sharex=True, squeeze=False)
+    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
+    upper, lower = axes[: len(robots)], axes[len(robots) :]
+    for axis, robot in zip(upper, robots, strict=True):
+        axis.set_title(robot)
     for figures, series in runs:
         if figures["filter"] != "none" or figures["target"] != target:
             continue
@@ -124,14 +113,9 @@ def straight_plot(runs: Sequence[tuple[dict[str, Any], dict[str, Array]]], targe
         names = load_robot(figures["robot"]).joint_names
         elbow = next(i for i, n in enumerate(names) if "elbow" in n.lower() and n.lower().startswith("l"))
         style = {"color": colour, "lw": 1.0, "label": figures["singular"]}
-        axes[0, column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
-        axes[1, column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
-        axes[0, column].set_title(figures["robot"], fontsize=9, color=INK, fontweight="bold")
-    frame(axes.ravel())
-    axes[0, 0].set_ylabel("left elbow, command [rad/s]", fontsize=8.5, color=INK)
-    axes[1, 0].set_ylabel("step of the command [rad/s]", fontsize=8.5, color=INK)
-    for axis in axes[1]:
-        axis.set_xlabel("time [s]", fontsize=8.5, color=INK)
-    handles, labels = axes[0, 0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside upper center", ncols=2, frameon=False, fontsize=8.5)
-    return png(drawing)
+        upper[column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
+        lower[column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
+    upper[0].set_ylabel("left elbow, command [rad/s]")
+    lower[0].set_ylabel("step of the command [rad/s]")
+    shared_legend(drawing, upper[0], 2)
+    return finish(drawing, lower)

@@ -1,20 +1,42 @@
-"""Tables and plots of small studies: figures on the terminal, files beside each other, one look of axes."""
+"""Small studies: figures on the terminal, and files beside each other."""
 
-import io
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure as Drawing
 from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from experiments.console import make_console
 from experiments.figures import Figure
-from experiments.plot_style import GRID, INK
+
+TABLE_WIDTH = 110
+"""Least width of the console for a table of :func:`show_study`: a pipe is taken to be narrower."""
+
+Runs = Sequence[tuple[Mapping[str, Any], Any]]
+"""What a study of runs gives: figures and series of each."""
+
+
+def show_study(
+    study: Callable[[], Runs],
+    plot: Callable[[Runs], bytes],
+    waiting: str,
+    title: str,
+    columns: Sequence[Figure],
+    out: Path | None,
+) -> None:
+    """Make all runs of a study and print their table; with ``out`` write it there as JSON, and a plot beside."""
+    console = make_console()
+    console.width = max(console.width, TABLE_WIDTH)
+    with console.status(waiting):
+        runs = study()
+    figures = [figures for figures, _ in runs]
+    print_study(console, title, columns, figures)
+    if out is not None:
+        write_study(console, out, figures, plot(runs))
 
 
 def print_study(console: Console, title: str, columns: Sequence[Figure], rows: Sequence[Mapping[str, Any]]) -> None:
@@ -35,18 +57,3 @@ def write_study(console: Console, out: Path, figures: Any, plot: bytes) -> None:
     picture = out.with_suffix(".png")
     picture.write_bytes(plot)
     console.print(f"figures: {out}\nplot:    {picture}")
-
-
-def frame(axes: Iterable[Axes]) -> None:
-    """Give axes the look of the studies' plots."""
-    for axis in axes:
-        axis.grid(True, color=GRID, lw=0.8)
-        axis.tick_params(colors=INK, labelsize=8, length=0)
-        axis.spines[["top", "right"]].set_visible(False)
-
-
-def png(drawing: Drawing) -> bytes:
-    """A drawing as PNG."""
-    buffer = io.BytesIO()
-    drawing.savefig(buffer, format="png")
-    return buffer.getvalue()

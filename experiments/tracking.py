@@ -12,7 +12,7 @@ from experiments.console import make_console
 from experiments.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.figures import Figure
 from experiments.options import BenchOptions
-from experiments.study_print import frame, png, print_study, write_study
+from experiments.study_print import print_study, write_study
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
@@ -201,12 +201,9 @@ def _rms(vectors: Array) -> float:
 
 def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> bytes:
     """Estimated against true velocity of the three motions, one coordinate, and a part of it up close; a PNG."""
-    from matplotlib.figure import Figure as Drawing
+    from experiments.plot_style import FILTERED, INK, finish, new_figure, shared_legend
 
-    from experiments.plot_style import DPI, FILTERED, INK, WIDTH
-
-    drawing = Drawing(figsize=(WIDTH, 9.6), dpi=DPI, layout="constrained")
-    axes = drawing.subplots(4, 1)
+    drawing, axes = new_figure(4, 1, 9.6)
     motions = study_motions(seed)
     for axis, (name, motion) in zip(axes, motions.items(), strict=False):
         for model, colour in zip(MODELS, FILTERED, strict=False):
@@ -214,19 +211,16 @@ def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> b
             series = follow(motion, rate, settings, seed, duration)
             axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
         axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
-        axis.set_title(name, fontsize=9, color=INK, fontweight="bold")
+        axis.set_title(name)
     for blending, style in ((TrackerSettings().blending, "-"), (0.0, ":")):
         settings = TrackerSettings(position_noise=NOISE, blending=blending)
         series = follow(motions["circular"], rate, settings, seed, duration)
         words = "measurements fed in" if blending else "measurements at once"
         axes[3].plot(series["time"], series["estimate"][:, 3], color=FILTERED[0], lw=1.1, ls=style, label=words)
     axes[3].set(xlim=(2.0, 2.3), ylim=(0.25, 0.65))
-    axes[3].set_title("circular, constant velocity, up close", fontsize=9, color=INK, fontweight="bold")
+    axes[3].set_title("circular, constant velocity, up close")
     axes[3].legend(frameon=False, fontsize=8)
     for axis in axes:
-        axis.set_ylabel("velocity, x [m/s]", fontsize=8.5, color=INK)
-    frame(axes)
-    axes[-1].set_xlabel("time [s]", fontsize=8.5, color=INK)
-    handles, labels = axes[0].get_legend_handles_labels()
-    drawing.legend(handles, labels, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
-    return png(drawing)
+        axis.set_ylabel("velocity, x [m/s]")
+    shared_legend(drawing, axes[0], 3)
+    return finish(drawing, axes[-1:])

@@ -119,7 +119,8 @@ def test_the_bound_that_is_promised_is_kept(name: str, mass_scale: float) -> Non
     assert (series["h_self_collision"][:, :arms].min(axis=1) >= bound).all()
     assert (series["h_joint_limit"] >= series["h_bound"][:, 0]).all()
     assert bound.max() <= 0
-    assert summary["bound_m"] <= bound.min() < 0
+    # the bound of the largest error, forgotten at rate alpha: no less than it, and most of it
+    assert summary["bound_m"] <= bound.min() < 0.5 * summary["bound_m"]
 
 
 def test_a_heavier_robot_strays_further_and_is_promised_less() -> None:

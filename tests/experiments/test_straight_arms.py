@@ -1,14 +1,13 @@
 """The study of hands out of reach: its figures on made-up series, and a short run of it with its files."""
 
 import json
-from io import StringIO
 from pathlib import Path
 
 import numpy as np
-from rich.console import Console
+import pytest
 
 from experiments.straight_arms import COLUMNS, LIMIT, TITLE, command_steps, step_figures, straight_plot, straight_study
-from experiments.study_print import print_study, write_study
+from experiments.study_print import show_study
 
 
 def test_steps_are_the_largest_change_of_any_joint_and_the_base_does_not_count() -> None:
@@ -22,15 +21,14 @@ def test_steps_are_the_largest_change_of_any_joint_and_the_base_does_not_count()
     assert figures == {"step_max": 2.0 * LIMIT, "jumps": 1, "step_end": 0.1}
 
 
-def test_a_short_study_has_every_case_its_table_and_its_files(tmp_path: Path) -> None:
+def test_a_short_study_has_every_case_its_table_and_its_files(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     runs = straight_study(["g1"], ["up"], ["none"], 1.1)
     assert [figures["singular"] for figures, _ in runs] == ["cut", "damped"]
     assert runs[1][0]["jumps"] == 0
-    buffer = StringIO()
-    console = Console(file=buffer, width=200)
-    figures = [figures for figures, _ in runs]
-    print_study(console, TITLE, COLUMNS, figures)
-    assert all(column.words.split()[0] in buffer.getvalue() for column in COLUMNS)
-    write_study(console, tmp_path / "straight.json", figures, straight_plot(runs))
+    show_study(lambda: runs, straight_plot, "running", TITLE, COLUMNS, tmp_path / "straight.json")
+    printed = capsys.readouterr().out
+    assert all(column.words.split()[0] in printed for column in COLUMNS)
     assert [row["target"] for row in json.loads((tmp_path / "straight.json").read_text())] == ["up", "up"]
     assert (tmp_path / "straight.png").read_bytes().startswith(b"\x89PNG")

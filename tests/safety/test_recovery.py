@@ -283,3 +283,18 @@ def test_the_papers_baseline_is_not_eased() -> None:
         result = safety.apply(rows_of(np.array([-0.1, -0.1]), jac), nominal)
         assert result.status == FilterStatus.UNSAFE
         np.testing.assert_array_equal(result.v, nominal)
+
+
+def test_rows_that_hold_stay_eased_until_they_ask_for_all_they_do_otherwise() -> None:
+    """The lost row is back at once; what the other one asks for then still grows as gradually, and gets there."""
+    family = replace(FAMILY, epsilon=25.0)
+    parameters = BarrierParameters(**dict.fromkeys(FAMILIES, family))
+    safety = SafetyFilter("issf", 2, parameters, np.full(2, 20.0), dt=DT, recovery=SETTINGS)
+    jac = np.diag([5.0, 5.0])
+    asked = jac[1, 1] ** 2 / family.epsilon
+    heights = [np.array([-0.1, 0.0])] + [np.array([0.5, 0.0])] * round(1.5 * asked / (ACCELERATION * DT))
+    rates = np.array([jac[1] @ safety.apply(rows_of(h, jac), np.zeros(2)).v for h in heights])
+    # the command moves by less a tick than what counts as used up
+    assert ACCELERATION * DT / jac[1, 1] < 0.05 * SETTINGS.acceleration * DT
+    assert np.diff(rates, prepend=0.0).max() <= ACCELERATION * DT + 1e-6
+    assert rates[-1] == pytest.approx(asked, abs=1e-6)

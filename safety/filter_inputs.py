@@ -1,8 +1,10 @@
-"""Whether the arrays that a filter is given fit together."""
+"""Whether the arrays that a filter is given fit together, and are numbers to reckon with."""
 
 import numpy as np
 
+from robots.checks import all_finite
 from robots.messages import Array
+from safety.kernels import all_numbers
 from safety.rows import BarrierRows
 
 JACOBIANS = ("feet", "balance", "hands")
@@ -38,6 +40,37 @@ def wrong_shape(
         if array is not None and (array.ndim != 2 or array.shape[1] != nv):
             return _words(f"Jacobian of the {name}", array, f"(any number, {nv})")
     return ""
+
+
+def not_finite(order: int, rows: BarrierRows, nominal: Array, velocity: Array | None) -> str:
+    """Which inputs of a filter have a number that is not finite or, for order 2, are missing, in words; empty for none.
+
+    Args:
+        order: 1, the nominal input is a velocity; 2, it is an acceleration.
+        rows: curvature is looked at for order 2.
+        nominal: shape (nv,).
+        velocity: shape (nv,), measured, for order 2.
+    """
+    if not all_finite(nominal):
+        return f"nominal {'velocity' if order == 1 else 'acceleration'} is not finite"
+    if not all_numbers(rows.h, rows.drift, rows.jac):
+        return "barrier rows are not finite"
+    if order == 1:
+        return ""
+    if velocity is None or not all_finite(velocity):
+        return "measured velocity is missing or not finite"
+    if rows.curvature is None or not all_finite(rows.curvature):
+        return "curvature of the barrier rows is missing or not finite"
+    return ""
+
+
+def wrong_epsilon(n: int, epsilon: Array | None) -> str:
+    """Why these cannot be the ISSf parameters of ``n`` rows, in words; empty where they can, or there are none."""
+    if epsilon is None:
+        return ""
+    if epsilon.shape != (n,):
+        return f"epsilon has shape {epsilon.shape}, expected {(n,)}"
+    return "" if all_finite(epsilon) and (epsilon > 0).all() else "epsilon is not finite and above 0 throughout"
 
 
 def packed(*arrays: Array) -> list[Array]:

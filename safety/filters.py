@@ -11,11 +11,10 @@ from robots.checks import all_finite, require_non_negative, require_one_of, requ
 from robots.errors import ConfigError
 from robots.messages import Array, Indices
 from safety.conditions import BarrierParameters, RowParameters
-from safety.filter_inputs import packed, wrong_shape
+from safety.filter_inputs import not_finite, packed, wrong_epsilon, wrong_shape
 from safety.filter_kernels import metric, survey
 from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
-from safety.kernels import all_numbers
 from safety.recovery import Eased, Recovery, RecoverySettings
 from safety.resolutions import (
     INFEASIBLE,
@@ -193,15 +192,15 @@ class SafetyFilter:
         jacobians = (feet, balance, hands)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
-            cause = self._objection(rows, v_des, age, velocity, jacobians) or self._objection_to_epsilon(epsilon)
+            cause = self._objection(rows, v_des, age, velocity, jacobians) or wrong_epsilon(self._n_rows, epsilon)
             if cause:
                 return self._refusal(cause, velocity)
             if self.kind.condition is None:
-                if cause := self._not_finite(rows, v_des, velocity):
+                if cause := not_finite(self.order, rows, v_des, velocity):
                     return self._refusal(cause, velocity)
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := self.prepare(rows.family):
-                return self._refusal(self._not_finite(rows, v_des, velocity) or cause, velocity)
+                return self._refusal(not_finite(self.order, rows, v_des, velocity) or cause, velocity)
             own = self._row_parameters
             parameters = own if epsilon is None else replace(own, epsilon=epsilon)
             result = self._filter(rows, v_des, jacobians, velocity, parameters)
@@ -230,7 +229,7 @@ class SafetyFilter:
         parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
-            if cause := self._not_finite(rows, v_des, velocity):
+            if cause := not_finite(self.order, rows, v_des, velocity):
                 return self._refusal(cause, velocity)
         cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
         asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians, parameters)
@@ -287,28 +286,7 @@ class SafetyFilter:
             return cause
         if self.order == 1 or (velocity is not None and rows.curvature is not None):
             return ""
-        return self._not_finite(rows, v_des, velocity)
-
-    def _not_finite(self, rows: BarrierRows, v_des: Array, velocity: Array | None) -> str:
-        """Which inputs have a number that is not finite or, for order 2, are missing, in words; empty for none."""
-        if not all_finite(v_des):
-            return f"nominal {'velocity' if self.order == 1 else 'acceleration'} is not finite"
-        if not all_numbers(rows.h, rows.drift, rows.jac):
-            return "barrier rows are not finite"
-        if self.order == 1:
-            return ""
-        if velocity is None or not all_finite(velocity):
-            return "measured velocity is missing or not finite"
-        if rows.curvature is None or not all_finite(rows.curvature):
-            return "curvature of the barrier rows is missing or not finite"
-        return ""
-
-    def _objection_to_epsilon(self, epsilon: Array | None) -> str:
-        if epsilon is None:
-            return ""
-        if epsilon.shape != (self._n_rows,):
-            return f"epsilon has shape {epsilon.shape}, expected {(self._n_rows,)}"
-        return "" if all_finite(epsilon) and (epsilon > 0).all() else "epsilon is not finite and above 0 throughout"
+        return not_finite(self.order, rows, v_des, velocity)
 
     def prepare(self, family: Indices) -> str:
         """Make ready for rows of these families (n_rows,), once as long as they stay the same; why not, in words.

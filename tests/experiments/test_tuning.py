@@ -80,11 +80,13 @@ def tuner(
     start: float = 4.0,
     ratios: dict[str, float] | None = None,
     unbound: Callable[[float, float], float] | None = None,
+    share: Callable[[str], float] = lambda name: 1.0,
     **options: Any,
 ) -> tuple[dict[str, Choice], list[dict[str, dict[str, float]]]]:
     """Tunes robots that are formulas: ``model`` gives the push and the squared gradient of a family at alpha, epsilon.
 
-    ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds.
+    ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds, ``share``
+    the share of the push that reaches a run of that name.
 
     Returns:
         The choice, and the parameters of each round.
@@ -99,6 +101,7 @@ def tuner(
             for family in task.run.families:
                 alpha, epsilon = (rounds[-1][family][key] for key in ("alpha", "epsilon"))
                 push, squared = model(family, alpha, epsilon)
+                push *= share(task.run.name)
                 margin = task.margins[family]
                 least = (squared / epsilon - push) / alpha
                 measured.append(Measured(family, least, squared / (alpha * margin + push), push, squared, 100))
@@ -147,6 +150,24 @@ def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
     for family in GUARANTEED:
         values = [r[family]["epsilon"] for r in rounds if r[family]["alpha"] == 8.5]
         assert max(b / a for a, b in itertools.pairwise(values)) <= GROWTH + 1e-9
+
+
+def test_the_run_that_is_pushed_most_decides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def model(family: str, alpha: float, epsilon: float) -> tuple[float, float]:
+        return 0.02, 0.06
+
+    def alone(name: str) -> float:
+        return 1.0 if name.endswith("loaded") else 0.0
+
+    for folder in ("all", "one"):
+        (tmp_path / folder).mkdir()
+    everywhere, _ = tuner(tmp_path / "all", monkeypatch, model, lambda alpha, epsilon: False, rounds=15)
+    somewhere, _ = tuner(tmp_path / "one", monkeypatch, model, lambda alpha, epsilon: False, rounds=15, share=alone)
+    arms = ("self_collision", "workspace", "joint_limit")
+    assert {f: somewhere[f].epsilon for f in arms} == {f: everywhere[f].epsilon for f in arms}
+    assert all(somewhere[f].where.endswith("loaded") for f in arms)
+    # no run that steps carries a load: nothing pushes its legs
+    assert somewhere["leg_collision"].epsilon > everywhere["leg_collision"].epsilon
 
 
 @given(st.floats(0.01, 100.0))

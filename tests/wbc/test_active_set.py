@@ -243,6 +243,18 @@ def test_a_spent_budget_is_no_answer_and_the_search_goes_on_from_there(budget: i
     assert spent > 5
 
 
+@pytest.mark.parametrize("budget", [0, 1, 3])
+def test_a_guess_that_is_wrong_throughout_costs_no_more_than_the_budget(budget: int) -> None:
+    rng = np.random.default_rng(12)
+    for _ in range(20):
+        problem = around(rng, 12, 40, room=0.05)
+        kept = ActiveSet(12, 40, budget=budget)
+        kept.start_from(np.arange(12))
+        outcome, _ = kept.solve(*problem, np.zeros(0))
+        assert outcome == SPENT
+        assert kept.changes <= budget + 1
+
+
 def test_multipliers_of_another_solver_are_a_guess() -> None:
     rng = np.random.default_rng(10)
     for _ in range(20):

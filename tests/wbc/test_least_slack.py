@@ -5,6 +5,7 @@ import pytest
 from scipy.optimize import Bounds, minimize
 
 from robots.messages import Array
+from wbc import least_slack
 from wbc.active_set import OPTIMAL, SPENT
 from wbc.descent import Violated, descend
 from wbc.least_slack import STEPS, LeastSlack
@@ -120,6 +121,24 @@ def test_a_spent_budget_leaves_a_point_no_worse_than_the_start(steps: int, round
         assert (full @ x >= lower - 1e-8).all() and (full @ x <= upper + 1e-8).all()
         np.testing.assert_allclose(kept.short, soft[1] - soft[0] @ x, rtol=0, atol=1e-10)
         assert outcome == SPENT or steps > 1
+
+
+def test_a_new_start_that_is_cut_short_costs_no_more_than_what_was_found_before(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(least_slack, "DIRECT", 2)
+    rng = np.random.default_rng(5)
+    spent = 0
+    for _ in range(20):
+        n, k = 12, 80
+        given = case(rng, n, k, pull=1e-3)
+        found = []
+        for steps in range(2, 8):
+            outcome, x = LeastSlack(n, k, steps=steps).solve(*given, np.zeros(n))
+            found.append(cost(given, x))
+            spent += outcome == SPENT
+        assert max(found) <= found[0] + 1e-12
+    assert spent > 20
 
 
 def test_the_next_problem_is_solved_as_by_a_new_one() -> None:

@@ -3,6 +3,7 @@
 import dataclasses
 import json
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -15,9 +16,11 @@ from experiments.hand_tracking import check_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, LateralStepsOptions, PlantOptions, WalkOptions
 from experiments.registry import experiment_of
 from experiments.robustness import (
+    BARRIERS,
     BEFORE,
     SCENARIOS,
     Drawn,
+    RobustnessTask,
     check_robustness,
     draw,
     filter_options,
@@ -138,6 +141,19 @@ def test_before_names_every_family_that_is_tuned(tmp_path: Path) -> None:
     for robot, families in BEFORE.items():
         assert set(families) == set(FAMILIES) - {"custom"}
         filter_options(load_robot(robot), "before", tmp_path)
+
+
+@pytest.mark.parametrize("barrier", BARRIERS)
+@pytest.mark.parametrize(("least", "below"), [(1e-9, False), (0.0, False), (-1e-9, True)])
+def test_a_run_counts_as_below_where_any_barrier_was(
+    barrier: str, least: float, below: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    heights = {f"min_h_{key}": None if key == "obstacle_m" else 0.02 for key in BARRIERS} | {f"min_h_{barrier}": least}
+    ended = {"fell": False, "stop_cause": None, "hand_rmse_m": 0.01, "hand_rmse_outside_conflict_m": 0.01}
+    monkeypatch.setattr(study, "_result", lambda *args: SimpleNamespace(summary=heights | ended))
+    line = RobustnessTask("g1", "circles", 1, "own", FilterOptions())()
+    assert line["below"] is below
+    assert line[f"min_h_{barrier}"] == least
 
 
 def row(**changes: Any) -> dict[str, Any]:

@@ -43,7 +43,7 @@ def bench_rows(options: BenchOptions) -> int:
         with console.status(f"{robot.title}: {len(robot.joints)} joints"):
             starts = undisturbed(robot, options)
             for case, scene in cases(robot):
-                found.append((len(robot.joints), play(Course(case, options, scene, starts), ticks)))
+                found.append((len(robot.joints), play([Course(case, options, scene, starts)], ticks)))
     console.print(table(found, f"one tick over {ticks} ticks, filter {options.filter} [us]"))
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:

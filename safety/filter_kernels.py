@@ -4,7 +4,7 @@ import math
 
 from numba import njit, types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, TYPES, VECTOR
+from robots.kernel_types import FLAGS, MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
 from robots.messages import Array, Mask
 from wbc.qp import UNBOUNDED
 
@@ -53,6 +53,66 @@ def survey(
         numbers &= not math.isnan(value)
         least = min(least, value)
     return total, least if numbers else math.nan
+
+
+@njit(
+    types.boolean(
+        VECTOR, VECTOR, FLAGS, MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT, OUT
+    ),
+    cache=True,
+    error_model="numpy",
+    fastmath=ORDER_FREE,
+)
+def ease(
+    h: Array,
+    drift: Array,
+    lost: Mask,
+    A: Array,
+    b: Array,
+    at_zero: Array,
+    last: Array,
+    depth: Array,
+    speed: Array,
+    acceleration: Array,
+    dt: float,
+    theta: Array,
+    out: Array,
+) -> bool:
+    """What conditions A v >= b may ask for at most while rows are lost, see :mod:`safety.recovery`: D'' there.
+
+    Args:
+        h: shape (n,) values of the rows.
+        drift: shape (n,) their drift.
+        lost: shape (n,) which are lost.
+        A: shape (n, nv).
+        b: shape (n,).
+        at_zero: shape (n,) what lost rows would ask for at h = 0.
+        last: shape (nv,) last command.
+        depth: shape (n,) recovery depth.
+        speed: shape (n,) recovery speed.
+        acceleration: shape (n,) recovery acceleration.
+        dt: of a tick [s].
+        theta: shape (n,), written: share of its recovery depth that a row is below 0.
+        out: shape (n,), written: the right-hand sides.
+
+    Returns:
+        Whether a row that is not lost asks for less than its condition does.
+    """
+    held_back = False
+    for i in range(h.size):
+        reached = acceleration[i] * dt
+        for k in range(last.size):
+            reached += A[i, k] * last[k]
+        resting = max(reached, -drift[i])
+        if lost[i]:
+            theta[i] = min(1.0, -h[i] / depth[i])
+            bounded = min(max(b[i], theta[i] * speed[i] - drift[i]), at_zero[i] + speed[i])
+            out[i] = (1.0 - theta[i]) * min(bounded, resting) + theta[i] * min(bounded, reached)
+        else:
+            theta[i] = 0.0
+            out[i] = min(b[i], resting)
+            held_back |= out[i] < b[i]
+    return held_back
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)

@@ -58,9 +58,12 @@ import numpy as np
 from robots.checks import require_positive
 from robots.messages import Array, Mask
 from safety.conditions import RowParameters
+from safety.filter_kernels import ease
 from safety.rows import BarrierRows, HalfSpaces
+from safety.working_set import NOT_WANTED
 from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
 from wbc.qp import UNBOUNDED
+from wbc.triangular import squared_lengths
 
 SOFT_ROWS = 64
 """So many lost rows are weighed against each other, the deepest; what the others ask for is cut to what comes of it."""
@@ -68,8 +71,9 @@ SOFT_ROWS = 64
 SUDDEN = 0.2
 """A deep row that the last command is short of by more than this share of its recovery speed is eased."""
 
-ROUNDS = 60
-"""Budget: changes of the active set in the search for the velocity that weighs lost rows."""
+ROUNDS, ALONE = 60, 20
+"""Budget: changes of the active set in the search for the velocity that weighs lost rows; and in one without the rows
+that hold, where these contradict each other, at least: it has what the first one left of its own."""
 
 CARRIED = 3.0
 """Largest entry of the last correction that is carried on [rad/s, m/s]."""
@@ -85,6 +89,9 @@ RELEASE = 2.0
 
 ROUNDING = 1e-7
 """Room [m/s, rad/s] given to lost rows, so that rounding does not make them contradict each other."""
+
+SHALLOW = 1e-9
+"""Share of its recovery depth that a lost row counts as deep at least, as it is weighed."""
 
 SHORT = 1e-12
 """Added to the squared length of a row [m^2]: nothing moves a row without length."""
@@ -127,10 +134,14 @@ class Recovery:
     def __init__(self, nv: int, n_rows: int, settings: RecoverySettings, dt: float) -> None:
         """For ``nv`` variables, ``n_rows`` rows and a tick of ``dt`` [s]; the last command is rest."""
         self.settings, self._dt = settings, dt
-        self._soft, self._n_rows = min(SOFT_ROWS, n_rows), n_rows
+        self._softness = np.zeros(nv + n_rows)
+        self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
+        # each goes on from what it had active itself: with the rows that hold, and without
+        self._search, self._search_alone = (
+            ActiveSet(nv, n_rows, self._softness, ROUNDS, soft_room=min(SOFT_ROWS, n_rows)) for _ in range(2)
+        )
         self._last = self._correction = np.zeros(nv)
         self._moved, self._waited, self._held_back = 0.0, RELEASE, False
-        self._search: ActiveSet | None = None
 
     def reset(self) -> None:
         """The last command is rest, and no row was lost."""
@@ -169,15 +180,17 @@ class Recovery:
         if not self._is_engaged(lost, rows, spaces, parameters):
             return None
         nominal = v_des + self._carried(lost)
-        reached = spaces.A @ self._last + parameters.recovery_acceleration * self._dt
-        b = np.where(lost, spaces.b, np.minimum(spaces.b, np.maximum(reached, -rows.drift)))
-        self._held_back = bool((b < spaces.b).any())
-        if not lost.any():
-            return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
-        theta = np.clip(-rows.h / parameters.recovery_depth, 0.0, 1.0)
-        b[lost] = self._bounded(rows, spaces, condition, parameters, theta, reached)[lost]
-        v = self._compromise(spaces.A, b, lost, theta, nominal, metric(), limit)
-        b[lost] = np.minimum(b, spaces.A @ (self._last if v is None else v) - ROUNDING)[lost]
+        at_zero = spaces.b
+        if any_lost := bool(lost.any()):
+            at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
+        theta, b = np.empty(lost.size), np.empty(lost.size)
+        A = np.ascontiguousarray(spaces.A)
+        bounds = parameters.recovery_depth, parameters.recovery_speed, parameters.recovery_acceleration
+        conditions = (lost, A, spaces.b, at_zero, self._last)
+        self._held_back = ease(rows.h, rows.drift, *conditions, *bounds, self._dt, theta, b)
+        if any_lost:
+            v = self._compromise(A, b, lost, theta, nominal, metric(), limit)
+            b[lost] = np.minimum(b, A @ (self._last if v is None else v) - ROUNDING)[lost]
         return Eased(HalfSpaces(spaces.A, b, spaces.active), nominal)
 
     def _carried(self, lost: Mask) -> Array:
@@ -197,50 +210,28 @@ class Recovery:
                 self._waited, self._correction = 0.0, np.zeros_like(self._correction)
         return self._waited < RELEASE
 
-    def _bounded(
-        self,
-        rows: BarrierRows,
-        spaces: HalfSpaces,
-        condition: Callable[[BarrierRows, RowParameters], HalfSpaces],
-        parameters: RowParameters,
-        theta: Array,
-        reached: Array,
-    ) -> Array:
-        """What lost rows may ask of the velocity, bounded in speed and acceleration, shape (n,)."""
-        speed = parameters.recovery_speed
-        at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
-        b = np.clip(spaces.b, theta * speed - rows.drift, at_zero + speed)
-        resting = np.minimum(b, np.maximum(reached, -rows.drift))
-        return (1.0 - theta) * resting + theta * np.minimum(b, reached)
-
     def _compromise(
         self, A: Array, b: Array, lost: Mask, theta: Array, nominal: Array, hessian: Array, limit: Array
     ) -> Array | None:
         """The velocity (nv,) that weighs the lost rows against each other; ``None`` where the solver has no answer."""
         soft = np.flatnonzero(lost)
-        soft = soft[np.argsort(-theta[soft], kind="stable")[: self._soft]]
-        try:
-            length = np.vecdot(A[soft], np.linalg.solve(hessian, A[soft].T).T)
-        except np.linalg.LinAlgError:
+        if soft.size > SOFT_ROWS:
+            soft = np.sort(soft[np.argsort(-theta[soft], kind="stable")[:SOFT_ROWS]])
+        length = np.empty(soft.size)
+        if not squared_lengths(hessian, A, soft, length):
             # weights too large to reckon with
             return None
-        scale = np.sqrt(self.settings.weight / (theta[soft] * (length + SHORT)))
-        others = np.where(lost, -UNBOUNDED, b)
-        weighed = A[soft] * scale[:, None], b[soft] * scale
-        outcome, v = self._solve(A, others, *weighed, nominal, hessian, limit)
+        n = nominal.size
+        self._softness[:] = 0.0
+        self._softness[n + soft] = np.maximum(theta[soft], SHALLOW) * (length + SHORT) / self.settings.weight
+        self._lower[:n], self._upper[:n] = -limit, limit
+        self._lower[n:] = np.where(lost, -UNBOUNDED, b)
+        self._lower[n + soft] = b[soft]
+        gradient, sides = -(hessian @ nominal), (self._lower, self._upper)
+        outcome, v = self._search.solve(hessian, gradient, A, *sides, NOT_WANTED)
         if outcome == CONTRADICTION:
-            outcome, v = self._solve(A, np.full_like(others, -UNBOUNDED), *weighed, nominal, hessian, limit)
+            self._lower[n:] = -UNBOUNDED
+            self._lower[n + soft] = b[soft]
+            left = max(ALONE, ROUNDS - self._search.changes)
+            outcome, v = self._search_alone.solve(hessian, gradient, A, *sides, NOT_WANTED, left)
         return v if outcome == OPTIMAL else None
-
-    def _solve(
-        self, A: Array, held: Array, soft: Array, asked: Array, nominal: Array, hessian: Array, limit: Array
-    ) -> tuple[int, Array]:
-        """Outcome of the search, see :func:`wbc.active_set.search`, and the velocity (nv,)."""
-        n, k, m = nominal.size, self._soft, self._n_rows
-        if self._search is None:
-            softness = np.concatenate([np.zeros(n), np.ones(k), np.zeros(m)])
-            self._search = ActiveSet(n, k + m, softness, ROUNDS, soft_room=k)
-        matrix = np.concatenate([soft, np.tile(np.eye(1, n), (k - len(soft), 1)), A])
-        lower = np.concatenate([-limit, asked, np.full(k - len(soft), -UNBOUNDED), held])
-        upper = np.concatenate([limit, np.full(k + m, UNBOUNDED)])
-        return self._search.solve(hessian, -(hessian @ nominal), matrix, lower, upper, np.empty(n + k + m))

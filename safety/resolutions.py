@@ -10,21 +10,16 @@ from robots.messages import Array, Indices
 from safety.condition_kernels import least_shortfall, next_to_immovable
 from safety.infeasibility import Candidates
 from safety.rows import BarrierRows
+from safety.second_phase import SecondPhase
 from safety.working_set import BEYOND, Optimum, Problem, WorkingSetQp
 from wbc.active_set import OPTIMAL
 from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED
 
-SLACK_ROUNDING = 1e-8
-"""Room [m/s, rad/s] given to a row on top of its least slack, so that rounding does not make it infeasible again."""
-
 SLACK_PULL = 1e-8
 """Weight of the nominal velocity while the least slack is sought: it makes the velocity unique.
 
 It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
-
-SECOND_ROUNDS = 100
-"""Budget of the second phase, in changes of its active set: it starts from the rows that the first one violates."""
 
 LEVER = 1e-4
 """A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
@@ -89,8 +84,8 @@ class NearestQp:
     .. math:: \|s\| \le (1 + \mathrm{EASE}) \|s^*\|
 
     and each row left out is short of at most ``LEVER`` times the widest bound's range more than at its best. Without
-    such rows it is the least, to rounding (``SLACK_PULL``, ``SLACK_ROUNDING``). Should rounding leave the second phase
-    without an answer, that of the first is taken.
+    such rows it is the least, to rounding (``SLACK_PULL``, ``ROUNDING`` of :mod:`safety.second_phase`). Should rounding
+    leave the second phase without an answer, that of the first is taken.
 
     After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
     slack does not prove that they cannot: the answer is the same, only sooner.
@@ -108,7 +103,7 @@ class NearestQp:
         self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
         self._hard = WorkingSetQp(nv, n_rows)
         self._soft = Compromise(nv, n_rows)
-        self._relaxed = WorkingSetQp(nv, n_rows, SECOND_ROUNDS, passes=0)
+        self._second = SecondPhase(nv, n_rows)
         self._conflict = False
 
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
@@ -129,7 +124,7 @@ class NearestQp:
         if lost.size:
             b = b.copy()
             b[lost] = -UNBOUNDED
-        proved, v = self._soft.solve(problem, self._pull, problem.clipped(), (A, b, self._weights))
+        proved, v = self._soft.begin(problem, self._pull, problem.clipped(), (A, b, self._weights))
         short = self._soft.short
         certain = least_shortfall(A, b, *bounds, short) > CERTAIN
         if not certain and (lost.size or hard is None):
@@ -137,11 +132,12 @@ class NearestQp:
             if hard.v is not None:
                 self._conflict = lost.size > 0
                 return Resolved(hard.v, False, _copy(problem, hard.working, lost) if lost.size else None)
-        new, self._conflict = not self._conflict, True
-        working = np.flatnonzero(short > -BEYOND)
-        candidates = _copy(problem, working, lost)
-        relaxed = np.where(short > 0.0, b - short - SLACK_ROUNDING, b)
-        nearest = self._relaxed.solve(problem, relaxed, np.flatnonzero(short > 0.0) if new else None).v
+        if not proved:
+            proved, v = self._soft.go_on()
+            certain = certain or least_shortfall(A, b, *bounds, short) > CERTAIN
+        self._conflict = True
+        candidates = _copy(problem, np.flatnonzero(short > -BEYOND), lost)
+        nearest = self._second.solve(problem, A, short, v)
         unknown = not certain and hard is not None and hard.spent
         spent = not proved or nearest is None or unknown
         return Resolved(v if nearest is None else nearest, False, candidates, spent=spent)
@@ -158,6 +154,7 @@ class Compromise:
         """For ``nv`` variables and ``n_rows`` rows."""
         self._search = LeastSlack(nv, n_rows)
         self._no_rows, self._last = np.zeros((0, nv)), np.full(nv, np.nan)
+        self._bounds = self._last, self._last
         self.short = self._search.short
 
     def solve(
@@ -171,14 +168,29 @@ class Compromise:
             centre: shape (nv,).
             soft: rows (n_rows, nv), their right-hand sides and the weights of half their squared violation.
         """
+        proved, v = self.begin(problem, hessian, centre, soft)
+        return (proved, v) if proved else self.go_on()
+
+    def begin(
+        self, problem: Problem, hessian: Array, centre: Array, soft: tuple[Array, Array, Array]
+    ) -> tuple[bool, Array]:
+        """The same after a few steps; where that is no proved optimum, :meth:`go_on` looks further."""
         lower, upper = problem.lower, problem.upper
         start = np.minimum(np.maximum(self._last, lower), upper)
         if not all_finite(start):
             start = problem.clipped()
-        outcome, v = self._search.solve(hessian, -(hessian @ centre), soft, self._no_rows, lower, upper, start)
-        v = np.minimum(np.maximum(v, lower), upper)
-        self._last = v
-        return outcome == OPTIMAL, v
+        outcome, v = self._search.begin(hessian, -(hessian @ centre), soft, self._no_rows, lower, upper, start)
+        self._bounds = lower, upper
+        return self._kept(outcome, v)
+
+    def go_on(self) -> tuple[bool, Array]:
+        """The rest of :meth:`solve`, for the problem that :meth:`begin` was given."""
+        return self._kept(*self._search.go_on())
+
+    def _kept(self, outcome: int, v: Array) -> tuple[bool, Array]:
+        lower, upper = self._bounds
+        self._last = np.minimum(np.maximum(v, lower), upper)
+        return outcome == OPTIMAL, self._last
 
 
 class SlackQp:

@@ -74,24 +74,20 @@ class WorkingSetQp:
     ``CAPACITY`` rows at most.
     """
 
-    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS, passes: int = PASSES) -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``rounds`` and ``passes``: budgets of the search and of DAQP."""
-        self._passes = passes
+    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS) -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``rounds``: budget of the search."""
         self._nv = nv
         self._active = ActiveSet(nv, n_rows, budget=rounds)
         self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
         self._second = _SecondSolver(nv)
 
-    def solve(self, problem: Problem, b: Array, start: Indices | None = None) -> Optimum:
+    def solve(self, problem: Problem, b: Array) -> Optimum:
         """Solve one problem.
 
         Args:
             problem: all but the conditions' right-hand sides.
             b: shape (n_rows,) right-hand sides.
-            start: rows to start from; ``None`` for those that were at their limit last time.
         """
-        if start is not None:
-            self._active.start_from(self._nv + start)
         nv, A = self._nv, np.ascontiguousarray(problem.spaces.A)
         self._lower[:nv], self._lower[nv:], self._upper[:nv] = problem.lower, b, problem.upper
         gradient = -(problem.hessian @ problem.v_des)
@@ -110,7 +106,7 @@ class WorkingSetQp:
     def _ask_again(self, problem: Problem, A: Array, b: Array) -> Optimum:
         chosen, room = problem.violated & (b > -UNBOUNDED), np.empty(b.size)
         chosen[self._working()] = True
-        for _ in range(self._passes):
+        for _ in range(PASSES):
             working = np.flatnonzero(chosen)
             if working.size > CAPACITY:
                 break

@@ -39,9 +39,10 @@ OPTIMAL, CONTRADICTION, UNKNOWN, SPENT = 0, 1, 2, 3
 def _enter(active: Active, count: int, limits: Limits, free: Array, y: Array, budget: int) -> tuple[int, int, int]:
     """Bring in the limit described at place ``count``, the active ones giving way as their multipliers get to zero.
 
-    Returns the outcome (``OPTIMAL``: it is in), the number of active limits and the changes made.
+    Multipliers and ``y`` go along. Returns the outcome (``OPTIMAL``: it is in), the number of active limits and the
+    changes made.
     """
-    changes = 0
+    changes, short = 0, active.targets[count] - product(active.pushes[count], y)
     while changes < budget:
         changes += 1
         left = factor_row(active, count)
@@ -56,19 +57,20 @@ def _enter(active: Active, count: int, limits: Limits, free: Array, y: Array, bu
         if independent and not room and active.limits.size > y.size + 1:
             return UNKNOWN, count, changes
         # n limits that hold leave nothing beside them, whatever rounding says
-        if independent and room:
-            held = active.products[count] - product(active.pushes[count], active.pushes[count])
-            short = active.targets[count] - product(active.pushes[count], y) - held * active.forces[count]
-            if not short / left > longest:
-                active.held[active.limits[count]] = True
-                return OPTIMAL, count + 1, changes
-        if blocking < 0:
+        enters = independent and room and not short / left > longest
+        if blocking < 0 and not enters:
             return CONTRADICTION if contradicts(active, count, limits) else UNKNOWN, count, changes
+        step = short / left if enters else longest
         for a in range(count):
-            active.forces[a] -= longest * rates[a]
-        active.forces[count] += longest
+            active.forces[a] -= step * rates[a]
+        active.forces[count] += step
+        if enters:
+            active.held[active.limits[count]] = True
+            moved(active, count + 1, free, y)
+            return OPTIMAL, count + 1, changes
+        short -= step * left
         count = drop(active, blocking, count)
-        moved(active, count + 1, free, y)
+    moved(active, count + 1, free, y)
     return SPENT, count, changes
 
 
@@ -168,17 +170,22 @@ def search(
         np.zeros(lower.size, np.bool_),
     )
     listed, waiting, changes = np.empty(LISTED, np.int64), 0, 0
-    count = _take_up(active, guess, limits, metric, free)
+    count, anew = _take_up(active, guess, limits, metric, free), True
     while changes <= budget:
-        wrong = forces(active, count)
-        if wrong >= 0:
-            count = drop(active, wrong, count)
-            changes += 1
-            continue
-        moved(active, count, free, y)
+        if anew:
+            wrong = forces(active, count)
+            if wrong >= 0:
+                count = drop(active, wrong, count)
+                changes += 1
+                continue
+            moved(active, count, free, y)
         x[:] = y
         backward(metric, x)
         worst, most, side, waiting = worst_of(limits, active.held, x, listed[:waiting])
+        if worst < 0 and not anew:
+            # multipliers that went along with every change since are no proof
+            anew = True
+            continue
         if worst < 0:
             refine(active, count, limits, metric, y, x)
             worst, most, side, waiting = worst_of_all(limits, active.held, x, values, listed)
@@ -189,7 +196,7 @@ def search(
             return UNKNOWN, changes
         describe(active, count, limits, metric, free, worst, side)
         outcome, count, made = _enter(active, count, limits, free, y, budget - changes)
-        changes += made
+        changes, anew = changes + made, False
         if outcome != OPTIMAL:
             _hand_out(active, count + 1, guess, multipliers[:0])
             return outcome, changes
@@ -218,30 +225,36 @@ class ActiveSet:
         Args:
             n: variables.
             m: rows.
-            softness: shape (n + m,), ``None`` where all limits must hold.
+            softness: shape (n + m,), read by every search anew; ``None`` where all limits must hold.
             budget: changes of the active set in one search.
-            soft_room: how many soft limits may be active beside n others; 2 n if not given.
+            soft_room: how many soft limits may be active beside n others; if not given, as many as there are now, 2 n
+                at most.
         """
         self._softness = np.zeros(n + m) if softness is None else softness
-        room = 2 * n if soft_room is None else soft_room
-        self.guess = np.zeros(n + 1 + min(room, int(np.count_nonzero(self._softness))), dtype=np.int64)
+        room = min(2 * n, int(np.count_nonzero(self._softness))) if soft_room is None else soft_room
+        self.guess = np.zeros(n + 1 + room, dtype=np.int64)
         self.changes = 0
         self._n, self._m, self._budget = n, m, budget
 
     def solve(
-        self, hessian: Array, gradient: Array, rows: Array, lower: Array, upper: Array, multipliers: Array
+        self,
+        hessian: Array,
+        gradient: Array,
+        rows: Array,
+        lower: Array,
+        upper: Array,
+        multipliers: Array,
+        budget: int | None = None,
     ) -> tuple[int, Array]:
-        """Outcome and x (n,), new; arrays as in :func:`search`, each with its entries one after the other."""
-        x = np.empty(self._n)
+        """Outcome and x (n,), new; arrays as in :func:`search`, each with its entries one after the other.
+
+        ``budget`` is for this search, where it is not to be the usual one.
+        """
+        x, budget = np.empty(self._n), self._budget if budget is None else budget
         outcome, self.changes = search(
-            hessian, gradient, rows, lower, upper, self._softness, self.guess, self._budget, x, multipliers
+            hessian, gradient, rows, lower, upper, self._softness, self.guess, budget, x, multipliers
         )
         return outcome, x
-
-    def start_from(self, limits: Indices) -> None:
-        """Start next from the lower sides of these limits, as many as there is room for."""
-        limits = limits[: self.guess.size - 1]
-        self.guess[: limits.size], self.guess[limits.size :] = limits + 1, 0
 
     def adopt(self, multipliers: Array) -> None:
         """Start next from the active set of multipliers (n + m,) that another solver found."""

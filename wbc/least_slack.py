@@ -3,7 +3,7 @@
 import numpy as np
 
 from robots.messages import Array, Indices
-from wbc.active_set import OPTIMAL
+from wbc.active_set import OPTIMAL, SPENT
 from wbc.descent import Violated, descend
 
 STEPS = 36
@@ -35,6 +35,8 @@ class LeastSlack:
         self._guess = np.zeros(n + 1, dtype=np.int64)
         self._violated = Violated(np.zeros((n, n)), np.zeros(n), np.zeros(k, dtype=bool))
         self._steps, self._rounds = steps, rounds
+        self._cost, self._limits = (np.zeros((n, n)), np.zeros(n)), (np.zeros((m, n)), np.zeros(n + m), np.zeros(n + m))
+        self._soft, self._best = (np.zeros((k, n)), np.zeros(k), np.zeros(k)), np.zeros(n)
 
     def solve(
         self,
@@ -59,43 +61,57 @@ class LeastSlack:
             start: shape (n,) a point that meets the limits.
             guess: limits active there, as :func:`wbc.active_set.search` has them; ``None`` for those of last time.
         """
+        outcome, x = self.begin(hessian, gradient, soft, rows, lower, upper, start, guess)
+        return (outcome, x) if outcome == OPTIMAL else self.go_on()
+
+    def begin(
+        self,
+        hessian: Array,
+        gradient: Array,
+        soft: tuple[Array, Array, Array],
+        rows: Array,
+        lower: Array,
+        upper: Array,
+        start: Array,
+        guess: Indices | None = None,
+    ) -> tuple[int, Array]:
+        """The first ``DIRECT`` steps of :meth:`solve`; where they have not found the optimum, :meth:`go_on` does."""
         if guess is not None:
             self._guess[:] = guess
         self.steps = self.rounds = 0
         for part in self._violated:
             part.fill(0)
-        limits = rows, lower, upper
-        outcome, best = self._descend((hessian, gradient), soft, limits, start, min(DIRECT, self._steps))
-        if outcome == OPTIMAL:
-            return outcome, best
-        best_short, x, cost = self.short.copy(), best, self._cost(hessian, gradient, soft[2], best)
+        self._cost, self._soft, self._limits = (hessian, gradient), soft, (rows, lower, upper)
+        outcome, self._best = self._descend(1.0, start, min(DIRECT, self._steps))
+        return outcome, self._best
+
+    def go_on(self) -> tuple[int, Array]:
+        """The rest of :meth:`solve`, for the problem that :meth:`begin` was given and from where that has ended."""
+        outcome, best, x = SPENT, self._best, self._best
+        best_short, least = self.short.copy(), self._value(best)
         for stage in STAGES:
-            left = self._steps - self.steps
-            outcome, x = self._descend((stage * hessian, stage * gradient), soft, limits, x, left)
-            reached = self._cost(hessian, gradient, soft[2], x)
-            if reached < cost or (outcome == OPTIMAL and stage == 1.0):
-                best, best_short, cost = x, self.short.copy(), reached
+            outcome, x = self._descend(stage, x, self._steps - self.steps)
+            value = self._value(x)
+            if value < least or (outcome == OPTIMAL and stage == 1.0):
+                best, best_short, least = x, self.short.copy(), value
             if outcome != OPTIMAL:
                 break
         self.short[:] = best_short
         return outcome, best
 
-    def _descend(
-        self,
-        cost: tuple[Array, Array],
-        soft: tuple[Array, Array, Array],
-        limits: tuple[Array, Array, Array],
-        start: Array,
-        steps: int,
-    ) -> tuple[int, Array]:
-        """Outcome and x (n,), new, after so many steps at most."""
+    def _descend(self, stage: float, start: Array, steps: int) -> tuple[int, Array]:
+        """Outcome and x (n,), new, after so many steps at most, with the cost times ``stage``."""
         x, budget = start.copy(), (steps, max(0, self._rounds - self.rounds))
-        outcome, made, rounds = descend(cost, soft, limits, self._guess, budget, self._violated, x, self.short)
+        hessian, gradient = self._cost
+        cost = (hessian, gradient) if stage == 1.0 else (stage * hessian, stage * gradient)
+        outcome, made, rounds = descend(
+            cost, self._soft, self._limits, self._guess, budget, self._violated, x, self.short
+        )
         self.steps += made
         self.rounds += rounds
         return outcome, x
 
-    def _cost(self, hessian: Array, gradient: Array, weights: Array, x: Array) -> float:
+    def _value(self, x: Array) -> float:
         """What the point found last costs."""
-        violation = np.maximum(self.short, 0.0)
+        (hessian, gradient), weights, violation = self._cost, self._soft[2], np.maximum(self.short, 0.0)
         return float(x @ (0.5 * (hessian @ x) + gradient) + 0.5 * (weights * violation) @ violation)

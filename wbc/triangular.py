@@ -2,15 +2,19 @@
 
 import math
 
-from numba import njit
+import numpy as np
+from numba import njit, types
 
-from robots.kernel_types import ORDER_FREE
-from robots.messages import Array
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, PLACES
+from robots.messages import Array, Indices
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def factorise(matrix: Array, factor: Array) -> bool:
-    """Cholesky: ``matrix`` = U^T U, both (n, n). False where it is not positive definite or has a NaN."""
+    """Cholesky: ``matrix`` = U^T U, both (n, n). False where it is not positive definite or has a NaN.
+
+    ``factor`` has U above its diagonal and U^T below it, so that rows of either are read from one end to the other.
+    """
     n, total = matrix.shape[0], 0.0
     for i in range(n):
         for j in range(n):
@@ -29,6 +33,9 @@ def factorise(matrix: Array, factor: Array) -> bool:
             share, out, source = row[i], factor[i, i:], row[i:]
             for j in range(out.size):
                 out[j] -= share * source[j]
+    for i in range(n):
+        for j in range(i):
+            factor[i, j] = factor[j, i]
     return True
 
 
@@ -46,10 +53,10 @@ def forward(factor: Array, x: Array) -> None:
 def backward(factor: Array, x: Array) -> None:
     """U^-1 x, in place."""
     for i in range(x.size - 1, -1, -1):
-        row, rest, total = factor[i, i + 1 :], x[i + 1 :], 0.0
+        x[i] /= factor[i, i]
+        share, column, rest = x[i], factor[i, :i], x[:i]
         for j in range(rest.size):
-            total += row[j] * rest[j]
-        x[i] = (x[i] - total) / factor[i, i]
+            rest[j] -= share * column[j]
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -59,3 +66,29 @@ def product(a: Array, b: Array) -> float:
     for j in range(a.size):
         total += a[j] * b[j]
     return total
+
+
+@njit(types.boolean(MATRIX, MATRIX, PLACES, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def squared_lengths(hessian: Array, rows: Array, which: Indices, out: Array) -> bool:
+    """Writes a^T H^-1 a, (k,), for the rows a that ``which`` (k,) picks from (m, n); H is (n, n).
+
+    False where H is not positive definite.
+    """
+    n, k = hessian.shape[0], which.size
+    factor, turned = np.empty((n, n)), np.empty((n, k))
+    out[:] = 0.0
+    if not factorise(hessian, factor):
+        return False
+    for c in range(k):
+        for i in range(n):
+            turned[i, c] = rows[which[c], i]
+    for i in range(n):
+        scale, done = 1.0 / factor[i, i], turned[i]
+        for c in range(k):
+            done[c] *= scale
+            out[c] += done[c] * done[c]
+        for j in range(i + 1, n):
+            share, rest = factor[i, j], turned[j]
+            for c in range(k):
+                rest[c] -= share * done[c]
+    return True

@@ -237,7 +237,7 @@ def test_collections_are_counted_only_within_ticks() -> None:
 
 def test_every_tick_is_counted_once_and_memory_stays(g1: RobotDescription) -> None:
     course = Course(g1, UNFILTERED, BY_NAME["200 spheres round a hand"])
-    figures = play(course, 400)
+    figures = play([course], 400)
     assert sum(figures.statuses.values()) == figures.ticks == 400
     assert figures.rows == course.controller.barriers.size
     assert figures.stops == 0
@@ -247,11 +247,20 @@ def test_every_tick_is_counted_once_and_memory_stays(g1: RobotDescription) -> No
     assert set(figures.stages_ms) >= {"rows", "safety_qp", "supervisor"}
 
 
+def test_of_each_tick_the_shorter_one_of_its_plays_is_its_own(g1: RobotDescription) -> None:
+    scene = BY_NAME["boxes jump"]
+    figures = play([Course(g1, UNFILTERED, scene) for _ in range(2)], 60)
+    assert figures.own.max_ms <= figures.cpu.max_ms
+    assert figures.own.median_ms <= figures.cpu.median_ms
+    with pytest.raises(RuntimeError, match="boxes jump"):
+        play([Course(g1, replace(UNFILTERED, filter=name), scene) for name in ("none", "issf")], 60)
+
+
 def test_a_stopped_robot_is_put_back(g1: RobotDescription) -> None:
     course = Course(g1, UNFILTERED, Scene("nowhere", ()))
     obstacles = course.adversary.obstacles
     course.adversary.obstacles = lambda spots: [*obstacles(spots), Obstacle.sphere(np.zeros(3), 0.1)]  # type: ignore[method-assign]
-    figures = play(course, 20)
+    figures = play([course], 20)
     assert figures.stops == 20
     assert sum(figures.statuses.values()) == 0
     assert course.supervisor.cause is None

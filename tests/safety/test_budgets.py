@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety import resolutions, working_set
+from safety import second_phase, working_set
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
 from safety.rows import FAMILIES, BarrierRows
@@ -37,14 +37,13 @@ def problem(rng: np.random.Generator, conflict: bool) -> tuple[Array, Array, Arr
 def budgets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> tuple[int, int]:
     """Changes of the active set, and Newton steps."""
     rounds, steps = request.param
-    for search in (working_set.WorkingSetQp, least_slack.LeastSlack):
-        make_it = search.__init__
+    for search in (working_set.WorkingSetQp, second_phase.SecondPhase, least_slack.LeastSlack):
+        budget = {"steps": steps, "rounds": 1000} if search is least_slack.LeastSlack else {"rounds": rounds}
 
-        def limited(self: object, *args: int, _make: object = make_it, _name: str = search.__name__, **_: int) -> None:
-            if _name == "WorkingSetQp":
-                _make(self, *args[:2], rounds, 2)  # type: ignore[operator]
-            else:
-                _make(self, *args, steps=steps, rounds=1000)  # type: ignore[operator]
+        def limited(
+            self: object, *args: int, _make: object = search.__init__, _budget: dict[str, int] = budget
+        ) -> None:
+            _make(self, *args, **_budget)  # type: ignore[operator]
 
         monkeypatch.setattr(search, "__init__", limited)
     return rounds, steps
@@ -103,7 +102,7 @@ def test_without_a_budget_nothing_is_said() -> None:
             result = kept.apply(rows_for(A, b), v_des)
             assert not result.spent
             assert result.cause == ""
-    assert resolutions.SECOND_ROUNDS <= active_set.ROUNDS
+    assert second_phase.ROUNDS <= active_set.ROUNDS
 
 
 @pytest.mark.parametrize("name", ["ssa", "pssa"])

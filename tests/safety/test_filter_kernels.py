@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safety.filter_kernels import metric, survey, tally
+from safety.filter_kernels import ease, metric, survey, tally
 from wbc.qp import UNBOUNDED
 
 
@@ -82,3 +82,26 @@ def test_the_tally_is_numpys() -> None:
         assert worst == room.argmin()
         np.testing.assert_equal(least, room[worst])
         assert count == np.count_nonzero(~(room >= 0.5))
+
+
+def test_what_is_asked_for_while_rows_are_lost_is_numpys() -> None:
+    rng = np.random.default_rng(21)
+    for held_back in (True, False):
+        n, nv, dt = 60, 9, 0.002
+        h, drift, A = rng.normal(scale=0.05, size=n), rng.normal(size=n), rng.normal(size=(n, nv))
+        b, at_zero, last = rng.normal(size=n), rng.normal(size=n), rng.normal(size=nv)
+        depth, speed, acceleration = (rng.uniform(0.01, 1.0, n) for _ in range(3))
+        lost = (h < 0) & (rng.random(n) < 0.8)
+        reached = A @ last + acceleration * dt
+        if not held_back:
+            b[~lost] = reached[~lost] - 1.0
+        share = np.clip(-h / depth, 0.0, 1.0)
+        bounded = np.minimum(np.maximum(b, share * speed - drift), at_zero + speed)
+        resting = np.minimum(bounded, np.maximum(reached, -drift))
+        expected = (1.0 - share) * resting + share * np.minimum(bounded, reached)
+        expected[~lost] = np.minimum(b, np.maximum(reached, -drift))[~lost]
+        theta, out = np.full(n, np.nan), np.full(n, np.nan)
+        said = ease(h, drift, lost, A, b, at_zero, last, depth, speed, acceleration, dt, theta, out)
+        assert said == held_back
+        np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(theta, np.where(lost, share, 0.0), rtol=0, atol=1e-15)

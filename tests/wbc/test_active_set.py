@@ -11,7 +11,7 @@ from wbc.active_limits import REACH
 from wbc.active_set import CONTRADICTION, OPTIMAL, ROUNDS, SPENT, UNKNOWN, ActiveSet, active_limits, search
 from wbc.limits import TOLERANCE, Limits, worst_of_all
 from wbc.qp import UNBOUNDED, QpSolution, kkt_residual, make_solver
-from wbc.triangular import backward, factorise, forward
+from wbc.triangular import backward, factorise, forward, squared_lengths
 
 Problem = tuple[Array, Array, Array, Array, Array]
 KKT = 1e-8
@@ -62,6 +62,10 @@ def test_triangular_kernels_are_numpys() -> None:
         backward(factor, two)
         np.testing.assert_allclose(upper.T @ one, x, rtol=0, atol=1e-10)
         np.testing.assert_allclose(upper @ two, x, rtol=0, atol=1e-10)
+        rows, which, lengths = rng.normal(size=(9, n)), np.array([7, 0, 3]), np.zeros(3)
+        assert squared_lengths(matrix, rows, which, lengths)
+        np.testing.assert_allclose(lengths, np.diag(rows[which] @ np.linalg.inv(matrix) @ rows[which].T), rtol=1e-9)
+        assert not squared_lengths(-matrix, rows, which, lengths)
         for bad in (-matrix, np.full((n, n), np.nan), matrix * np.inf):
             assert not factorise(bad, factor)
 
@@ -249,10 +253,19 @@ def test_a_guess_that_is_wrong_throughout_costs_no_more_than_the_budget(budget: 
     for _ in range(20):
         problem = around(rng, 12, 40, room=0.05)
         kept = ActiveSet(12, 40, budget=budget)
-        kept.start_from(np.arange(12))
+        kept.guess[:12] = np.arange(1, 13)
         outcome, _ = kept.solve(*problem, np.zeros(0))
         assert outcome == SPENT
         assert kept.changes <= budget + 1
+
+
+def test_a_search_may_be_given_a_budget_of_its_own() -> None:
+    problem = around(np.random.default_rng(13), 12, 40, room=0.05)
+    kept, usual = ActiveSet(12, 40, budget=0), ActiveSet(12, 40)
+    assert kept.solve(*problem, np.zeros(0))[0] == SPENT
+    outcome, x = kept.solve(*problem, np.zeros(0), 200)
+    assert outcome == OPTIMAL
+    np.testing.assert_allclose(x, usual.solve(*problem, np.zeros(0))[1], rtol=0, atol=1e-9)
 
 
 def test_multipliers_of_another_solver_are_a_guess() -> None:

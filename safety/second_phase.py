@@ -1,0 +1,190 @@
+"""Of all inputs of least slack, the one nearest to the nominal input."""
+
+import math
+
+import numpy as np
+from numba import njit, types
+
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT_ROWS, VECTOR
+from robots.messages import Array, Indices, Mask
+from safety.working_set import NOT_WANTED, Problem
+from wbc.active_set import OPTIMAL, search
+from wbc.qp import UNBOUNDED
+
+ROUNDS = 100
+"""Budget of the search, in changes of its active set: it starts from the limits that were active one tick before."""
+
+ROUNDING = 1e-8
+"""Room [m/s, rad/s] given to a row on top of its least slack, so that rounding does not make it infeasible again."""
+
+VIOLATED = 1e-5
+"""A row short of more than this [m/s, rad/s] is violated for certain, not by the first phase's pull to the nominal
+input."""
+
+SAMPLE = 4
+"""So many violated rows for each variable, evenly among them, tell which directions they fix,"""
+
+FIXED = 1e-10
+"""those along which the sum of their squares grows by more than this share of the most,"""
+
+PULLED = 1e-4
+"""and a variable at a bound whose pulls that way are left with more than this share of the sum of their sizes."""
+
+
+@njit(
+    types.boolean[::1](MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, OUT_ROWS),
+    cache=True,
+    error_model="numpy",
+    fastmath=ORDER_FREE,
+)
+def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, curvature: Array) -> Mask:
+    """Which variables (nv,) violated rows, weighted by what they are short of, hold at a bound.
+
+    Writes the sum of A_i^T A_i over (a sample of) these rows, the upper triangle of (nv, nv).
+    """
+    nv = v.size
+    pull, size, held = np.zeros(nv), np.zeros(nv), np.zeros(nv, np.bool_)
+    curvature[:] = 0.0
+    count = 0
+    for i in range(short.size):
+        count += short[i] > VIOLATED
+    stride, seen = 1 + count // (SAMPLE * nv), 0
+    for i in range(short.size):
+        if not short[i] > VIOLATED:
+            continue
+        seen += 1
+        row = A[i]
+        for k in range(nv):
+            share = short[i] * row[k]
+            pull[k] += share
+            size[k] += abs(share)
+        if seen % stride == 0:
+            for k in range(nv):
+                share, out = row[k], curvature[k]
+                for j in range(k, nv):
+                    out[j] += share * row[j]
+    for k in range(nv):
+        up, down = pull[k] > PULLED * size[k], -pull[k] > PULLED * size[k]
+        held[k] = (up and v[k] >= upper[k]) or (down and v[k] <= lower[k])
+    return held
+
+
+@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def _pivot(factor: Array, left: Indices) -> int:
+    """Cholesky factor of the first variables that have curvature of their own, in place; how many these are.
+
+    The variable with the most curvature left comes next: rows, columns and ``left`` (m,) are exchanged.
+    """
+    m, largest = left.size, 0.0
+    for a in range(m):
+        largest = max(largest, factor[a, a])
+    for k in range(m):
+        pivot = k
+        for a in range(k + 1, m):
+            if factor[a, a] > factor[pivot, pivot]:
+                pivot = a
+        if not factor[pivot, pivot] > FIXED * largest:
+            return k
+        left[k], left[pivot] = left[pivot], left[k]
+        for a in range(m):
+            factor[a, k], factor[a, pivot] = factor[a, pivot], factor[a, k]
+        for a in range(m):
+            factor[k, a], factor[pivot, a] = factor[pivot, a], factor[k, a]
+        scale = 1.0 / math.sqrt(factor[k, k])
+        for a in range(k, m):
+            factor[k, a] *= scale
+        for a in range(k + 1, m):
+            share, row, source = factor[k, a], factor[a], factor[k]
+            for b in range(k + 1, m):
+                row[b] -= share * source[b]
+    return m
+
+
+@njit(types.float64[:, ::1](MATRIX, types.boolean[::1]), cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def directions_left(curvature: Array, held: Mask) -> Array:
+    """A basis (n, r) of the moves that nothing fixes: ``curvature`` (n, n), semidefinite, is next to zero along them.
+
+    Variables that are ``held`` (n,) do not move. The first variables of a Cholesky factorisation with pivots, as many
+    as have curvature of their own, follow from the others. Of ``curvature`` the upper triangle is read.
+    """
+    left = np.flatnonzero(~held)
+    m = left.size
+    factor = np.empty((m, m))
+    for a in range(m):
+        for b in range(a, m):
+            factor[a, b] = factor[b, a] = curvature[left[a], left[b]]
+    rank = _pivot(factor, left)
+    basis = np.zeros((held.size, m - rank))
+    for c in range(m - rank):
+        basis[left[rank + c], c] = 1.0
+        for a in range(rank - 1, -1, -1):
+            value = -factor[a, rank + c]
+            for b in range(a + 1, rank):
+                value -= factor[a, b] * basis[left[b], c]
+            basis[left[a], c] = value / factor[a, a]
+    return basis
+
+
+@njit(OUT_ROWS(MATRIX, MATRIX), cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def along(basis: Array, A: Array) -> Array:
+    """The basis (nv, r) with the rows A (n, nv) along it below, (nv + n, r)."""
+    nv, r = basis.shape
+    out = np.zeros((nv + A.shape[0], r))
+    out[:nv] = basis
+    for i in range(A.shape[0]):
+        row = out[nv + i]
+        for k in range(nv):
+            share, move = A[i, k], basis[k]
+            for c in range(r):
+                row[c] += share * move[c]
+    return out
+
+
+class SecondPhase:
+    r"""The input nearest to the nominal one that violates no row by more than a first phase has it.
+
+    .. math:: v = \arg\min_v \|v - v^{des}\|_H^2 \quad\text{s.t.}\quad A v \ge b - s^*,\; v_{min} \le v \le v_{max}
+
+    Source: eq. (13) of the p-SSA paper. What the first phase found, :math:`v^*`, meets all of this. At the least sum of
+    squares :math:`\sum_i s^*_i A_i` is zero but for bounds that v is pulled against, so no violated row and none of
+    these bounds has room on either side: every allowed v differs from :math:`v^*` by a move along which all of them
+    stay where they are. Such moves have a basis N (:func:`directions_left`) that is a fraction as wide as v, often
+    empty, and the search is for z with :math:`v = v^* + N z`. All conditions stay in it, so whatever rounding made of N
+    none is violated by more than ``ROUNDING`` beyond the first phase's; a direction taken for fixed that is not costs
+    distance to the nominal input alone.
+    """
+
+    def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS) -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``rounds``: budget of the search."""
+        self._rounds = rounds
+        self._softness = np.zeros(2 * nv + n_rows)
+        self._last, self._curvature = np.zeros(0, dtype=np.int64), np.zeros((nv, nv))
+
+    def solve(self, problem: Problem, A: Array, short: Array, v: Array) -> Array | None:
+        """The input (nv,), new; ``None`` where none was found that is proved to be nearest.
+
+        Args:
+            problem: nominal input, metric and bounds are read.
+            A: shape (n_rows, nv) of the conditions.
+            short: shape (n_rows,) by how much v violates them, below 0 where it does not.
+            v: shape (nv,) what the first phase found, between the bounds.
+        """
+        lower, upper = problem.lower, problem.upper
+        basis = directions_left(self._curvature, fixed_by(A, short, v, lower, upper, self._curvature))
+        r = basis.shape[1]
+        if r == 0:
+            return v.copy()
+        low = np.concatenate([np.full(r, -UNBOUNDED), lower - v, np.where(short > 0.0, -ROUNDING, short)])
+        high = np.concatenate([np.full(r, UNBOUNDED), upper - v, np.full(short.size, UNBOUNDED)])
+        pulled = problem.hessian @ basis
+        hessian, gradient = basis.T @ pulled, pulled.T @ (v - problem.v_des)
+        guess, z = np.zeros(r + 1, dtype=np.int64), np.empty(r)
+        last = self._last[:r]
+        guess[: last.size] = last + r * np.sign(last)
+        softness = self._softness[: low.size]
+        outcome, _ = search(hessian, gradient, along(basis, A), low, high, softness, guess, self._rounds, z, NOT_WANTED)
+        found = guess[np.abs(guess) > r]
+        self._last = found - r * np.sign(found)
+        if outcome != OPTIMAL:
+            return None
+        return np.minimum(np.maximum(v + basis @ z, lower), upper)

@@ -1,14 +1,10 @@
-"""Settings of the whole-body controller: defaults, per-robot tuning from the description, checks."""
+"""Settings of the whole-body controller: defaults and checks."""
 
-import dataclasses
-from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Any, ClassVar, Protocol, TypeVar
 
 from controllers.torque_modes import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
-from robots.description import RobotDescription
-from robots.errors import ConfigError, DescriptionError
+from robots.errors import ConfigError
 from safety.adaptation import AdaptationTuning
 from safety.conditions import BarrierParameters, FamilyParameters
 from safety.filters import FILTERS
@@ -16,30 +12,6 @@ from safety.recovery import RecoverySettings
 from safety.resolutions import INFEASIBLE
 from safety.rows import FAMILIES
 from wbc.dynwbc import DynWbcWeights
-
-
-class DataclassInstance(Protocol):
-    """What :func:`dataclasses.fields` takes: an instance of any dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]
-
-
-T = TypeVar("T", bound=DataclassInstance)
-
-TABLES = (
-    "tasks",
-    "safety",
-    "adaptation",
-    "contact",
-    "balance",
-    "dynwbc",
-    "controller",
-    "hand_tracking",
-    "walking",
-    "taichi",
-    "lateral_steps",
-)
-"""Tables below ``[tuning]`` that some part of the project reads."""
 
 DRIVES = ("simulation", "hardware")
 """What motor commands may go to."""
@@ -261,63 +233,3 @@ class ControllerConfig:
                 raise ConfigError("infeasible", self.infeasible, "least_slack where the commands drive hardware")
             if self.torque != "full":
                 raise ConfigError("torque", self.torque, "full where the commands drive hardware")
-
-
-def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConfig:
-    """The configuration of a robot: defaults, then the tables ``[tuning.*]`` of its description, then ``changes``.
-
-    Args:
-        robot: the description; its tables ``tasks``, ``safety``, ``adaptation``, ``contact``, ``dynwbc`` hold fields of
-            the classes above, ``controller`` those of :class:`ControllerConfig` itself.
-        changes: fields of :class:`ControllerConfig` that override.
-
-    Raises:
-        DescriptionError: the description's tuning names an unknown table or field.
-        ConfigError: a value is not allowed.
-    """
-    if unknown := sorted(set(robot.tuning) - set(TABLES)):
-        raise DescriptionError(robot.file, "tuning", unknown, "among " + ", ".join(TABLES))
-    parts: dict[str, Any] = {
-        "tasks": from_table(TaskTuning, robot, "tasks"),
-        "safety": from_table(FilterTuning, robot, "safety"),
-        "adaptation": from_table(AdaptationTuning, robot, "adaptation"),
-        "contact": from_table(ContactTuning, robot, "contact"),
-        "balance": from_table(BalanceTuning, robot, "balance"),
-        "dynwbc": from_table(DynWbcWeights, robot, "dynwbc"),
-    }
-    base = from_table(ControllerConfig, robot, "controller", tuple(parts))
-    return dataclasses.replace(base, **(parts | changes))
-
-
-def from_table(kind: type[T], robot: RobotDescription, table: str, elsewhere: tuple[str, ...] = ()) -> T:
-    """The settings class ``kind`` filled from one table below ``[tuning]``; defaults for what it does not give.
-
-    Args:
-        kind: a dataclass all of whose fields have defaults.
-        robot: the description.
-        table: name of the table; it may be absent.
-        elsewhere: fields that have tables of their own.
-
-    Raises:
-        DescriptionError: the table has an unknown field.
-        ConfigError: a value is not allowed.
-    """
-    values: dict[str, Any] = dict(robot.tuning.get(table, {}))
-    defaults = {f.name: f.default for f in dataclasses.fields(kind) if f.name not in elsewhere}
-    _require_known(robot, table, values, defaults)
-    for name, default in defaults.items():
-        if name in values and isinstance(default, FamilyParameters):
-            known = [f.name for f in dataclasses.fields(FamilyParameters)]
-            _require_known(robot, f"{table}.{name}", values[name], known)
-            try:
-                values[name] = dataclasses.replace(default, **values[name])
-            except ConfigError as error:
-                raise ConfigError(f"{table}.{name}.{error.name}", error.value, error.allowed) from error
-    return kind(**values)
-
-
-def _require_known(robot: RobotDescription, table: str, values: object, known: Iterable[str]) -> None:
-    if not isinstance(values, Mapping):
-        raise DescriptionError(robot.file, f"tuning.{table}", values, "a table")
-    if unknown := sorted(set(values) - set(known)):
-        raise DescriptionError(robot.file, f"tuning.{table}", unknown, "among " + ", ".join(known))

@@ -4,8 +4,8 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from controllers.config import controller_config, from_table
 from controllers.footsteps import StepLimits, VelocityCommand
+from controllers.robot_config import controller_config, from_table
 from controllers.step_timing import StepTiming
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.description import RobotDescription
@@ -171,7 +171,7 @@ def walk_tuning(robot: RobotDescription) -> WalkTuning:
 
 
 def walking_changes(robot: RobotDescription, load_estimate: bool = True) -> dict[str, Any]:
-    """Fields of the controller's configuration that walking sets, for :func:`controllers.config.controller_config`.
+    """Fields of the controller's configuration that walking sets, for :func:`controllers.robot_config.controller_config`.
 
     Args:
         robot: the description.

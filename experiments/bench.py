@@ -12,9 +12,9 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from controllers.config import controller_config
 from controllers.motions import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import STAGES, WholeBodyController
 from experiments.hand_tracking import start_posture
 from experiments.options import BenchOptions

@@ -13,8 +13,8 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from controllers.config import controller_config
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.warm_up import at_rest
 from controllers.whole_body import WholeBodyController
 from experiments.options import BenchOptions

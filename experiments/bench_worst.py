@@ -51,13 +51,13 @@ WIDTH = 150
 STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.UNSAFE)
 """What a tick's filter may say, as counted."""
 
-LEGEND = """wall: of a whole tick by the clock on the wall [ms]. CPU: by the time that the thread had a processor: what the
-operating system gave to others is not in it. own: CPU, of each tick the shorter one of two plays of the same sequence:
-what the machine did to one of them is not in it either. late: ticks longer than 2 ms; in a row: most of them one after
-another. gc: collections of Python's collector that began within a tick; the sequence's own objects set them off too.
-kept: containers more after a tick than before it, on average: what a tick itself adds to what sets them off. heap:
-blocks more in use after the last tick than after the first that counts. RSS: by how much the largest memory of the
-process grew meanwhile [MB]."""
+LEGEND = """wall: of a whole tick by the clock on the wall [ms]. CPU: by the time that the thread had a processor: what
+the operating system gave to others is not in it. own: CPU, of each tick the shorter one of two plays of the same
+sequence: what the machine did to one of them is not in it either. late: ticks longer than 2 ms; in a row: most of them
+one after another. gc: collections of Python's collector that began within a tick; the sequence's own objects set them
+off too. kept: containers more after a tick than before it, on average: what a tick itself adds to what sets them off.
+heap: blocks more in use after the last tick than after the first that counts. RSS: by how much the largest memory of
+the process grew meanwhile [MB]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from controllers.config import controller_config
 from controllers.perception import SphereTracker
+from controllers.robot_config import controller_config
 from experiments.encounter import AHEAD, DISTANCE, RADIUS
 from experiments.figures import Figure
 from robots.checks import require_one_of
@@ -82,7 +82,7 @@ class Crossing:
         self._told_truth = velocity == "true"
         self._barriers = standard_barriers(self._kin, ("sphere",))
         self._obstacles = next(b for b in self._barriers.barriers if isinstance(b, ObstacleBarrier))
-        tuning = controller_config(robot).safety
+        tuning = controller_config(robot, filter=name).safety
         v_max = tuning.velocity_scale * self._kin.joint_array("velocity")
         self._filter = SafetyFilter(name, self._barriers.size, tuning.parameters(), v_max)
 

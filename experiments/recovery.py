@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.config import ControllerConfig, controller_config
+from controllers.config import ControllerConfig
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
 from experiments.figures import Figure

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.config import DataclassInstance
+from controllers.robot_config import DataclassInstance
 from experiments.console import make_console, progress, run_one
 from experiments.metrics import versions
 from experiments.options import ReplayOptions, RunOptions

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from controllers.config import ControllerConfig, controller_config
+from controllers.config import ControllerConfig
 from controllers.motions import CenterOfMassShift, Motion
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.supervisor import Supervisor
 from controllers.tuning_file import read_tuning
 from controllers.whole_body import WholeBodyController
@@ -76,7 +77,7 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
         ConfigError: alpha or epsilon is not positive and finite, the layer not 0 or above, or the file of parameters
             not as it should be.
     """
-    safety = controller_config(robot).safety
+    safety = controller_config(robot, filter=options.filter).safety
     if options.tuning is not None:
         safety = read_tuning(options.tuning, robot.name).applied(safety)
     if options.layer is not None:

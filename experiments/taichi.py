@@ -6,11 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from controllers.config import BalanceTuning, FilterTuning, controller_config, from_table
+from controllers.config import BalanceTuning, FilterTuning
 from controllers.gait import Gait
 from controllers.motions import Motion
 from controllers.one_leg import HandsThereAndBack, OneLeg, OneLegTuning
 from controllers.reference import WholeBodyReference
+from controllers.robot_config import controller_config, from_table
 from controllers.torque_modes import TORQUE_MODES
 from experiments.hand_tracking import arm_length
 from experiments.options import TaichiOptions

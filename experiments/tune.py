@@ -5,7 +5,8 @@ from typing import Any
 
 from rich.table import Table
 
-from controllers.config import FilterTuning, controller_config
+from controllers.config import FilterTuning
+from controllers.robot_config import controller_config
 from controllers.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.console import make_console, results_folder
 from experiments.options import OutputOptions

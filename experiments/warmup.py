@@ -1,5 +1,6 @@
 """Compiles the kernels before anything is timed or a person waits for it unawares, and tells where they are kept."""
 
+import shutil
 import sys
 import time
 from contextlib import AbstractContextManager, nullcontext, suppress
@@ -12,9 +13,10 @@ from typing import Any
 from numba.core.registry import CPUDispatcher
 from rich.console import Console
 
-from controllers.config import controller_config
+from controllers.robot_config import controller_config
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription
+from robots.kernel_types import CACHE_FOLDER, CACHE_PREFIX
 from robots.loader import BUILT_IN, load_robot
 from safety.filters import FILTERS
 from safety.obstacles import KINDS
@@ -51,6 +53,7 @@ def warm_up(console: Console, robot: RobotDescription) -> None:
 def fill_caches() -> Preparation:
     """Have every kernel of every filter, obstacle and robot that comes with the project in numba's cache."""
     start = time.perf_counter()
+    forget_old_caches()
     _import_all()
     for name in BUILT_IN:
         robot = load_robot(name)
@@ -63,9 +66,21 @@ def fill_caches() -> Preparation:
         kernels=len(found),
         compiled=sum(sum(s.cache_misses.values()) for s in stats),
         loaded=sum(sum(s.cache_hits.values()) for s in stats),
-        folders=tuple(sorted({Path(s.cache_path) for s in stats if s.cache_path})),
+        folders=tuple(sorted({_kept_in(Path(s.cache_path)) for s in stats if s.cache_path})),
         seconds=time.perf_counter() - start,
     )
+
+
+def forget_old_caches() -> None:
+    """Remove the caches of other states of the kernels' sources."""
+    for folder in CACHE_FOLDER.parent.glob(f"{CACHE_PREFIX}*"):
+        if folder != CACHE_FOLDER:
+            shutil.rmtree(folder, ignore_errors=True)
+
+
+def _kept_in(folder: Path) -> Path:
+    """The cache that a kernel's folder is part of."""
+    return CACHE_FOLDER if CACHE_FOLDER in folder.parents else folder
 
 
 def _import_all() -> None:

@@ -5,9 +5,9 @@ from time import thread_time
 
 import numpy as np
 
-from controllers.config import controller_config
 from controllers.motions import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.supervisor import Supervisor
 from controllers.whole_body import TickResult, WholeBodyController
 from experiments.hand_tracking import start_posture

@@ -1,14 +1,20 @@
-"""Types and settings of compiled kernels.
+"""Types, settings and cache of compiled kernels.
 
 With its types given in advance a kernel is compiled when its module is imported, not in the tick that needs it first.
 """
 
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
-from numba import types
+import numba
+from numba import config, types
 
 TYPES: Any = types
 """Numba's types, which it has not annotated."""
+
+_CONFIG: Any = config
 
 VECTOR = TYPES.Array(types.float64, 1, "C", readonly=True)
 MATRIX = TYPES.Array(types.float64, 2, "C", readonly=True)
@@ -24,3 +30,48 @@ OUT_ROWS = types.float64[:, ::1]
 
 ORDER_FREE = {"reassoc", "contract"}
 """Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
+
+PACKAGES = ("robots", "wbc", "safety", "sims")
+"""Where kernels are."""
+
+CACHE_PREFIX = "kernels-"
+"""The folder of a cache has this name, and after it what tells the state of the kernels' sources."""
+
+
+def sources_digest(root: Path) -> str:
+    """What tells one state of all kernels below ``root`` from another: their files, and constants of the others."""
+    digest = hashlib.sha256()
+    for path in sorted(path for package in PACKAGES for path in (root / package).glob("*.py")):
+        text = path.read_bytes()
+        if b"njit" not in text:
+            text = b"\n".join(line for line in text.splitlines() if line[:1].isupper() and b"=" in line)
+        digest.update(b"\0".join([path.name.encode(), text, b""]))
+    return digest.hexdigest()[:16]
+
+
+def _cache_folder() -> Path:
+    here = Path(__file__).resolve()
+    parent = Path(_CONFIG.CACHE_DIR) if _CONFIG.CACHE_DIR else here.parent / "__pycache__"
+    return parent / f"{CACHE_PREFIX}{sources_digest(here.parents[1])}"
+
+
+CACHE_FOLDER = _cache_folder()
+"""Where compiled kernels are kept: below the folder that the environment variable NUMBA_CACHE_DIR names, else below
+``__pycache__``; where that cannot be written, numba takes a folder of the user."""
+
+
+def njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:
+    """``numba.njit``, with a cache of its own for each state of all kernels' sources.
+
+    Numba compiles a kernel anew where its own file has changed. Where what it calls has changed, in another file, it
+    goes on with the old code.
+    """
+
+    def compiled(function: Callable[..., Any]) -> Any:
+        usual, _CONFIG.CACHE_DIR = _CONFIG.CACHE_DIR, str(CACHE_FOLDER)
+        try:
+            return numba.njit(*signature, **options)(function)
+        finally:
+            _CONFIG.CACHE_DIR = usual
+
+    return compiled

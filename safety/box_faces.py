@@ -4,8 +4,8 @@ Contacts are those of :mod:`safety.geometry`.
 """
 
 import numpy as np
-from numba import njit
 
+from robots.kernel_types import njit
 from robots.messages import Array, Indices
 from safety.boxes import TOUCHING
 from safety.geometry import END_A, START_A

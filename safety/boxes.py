@@ -6,8 +6,8 @@ The rows written are contacts as :mod:`safety.geometry` describes them. Everythi
 import math
 
 import numpy as np
-from numba import njit
 
+from robots.kernel_types import njit
 from robots.messages import Array, Indices
 
 TOUCHING = 1e-9

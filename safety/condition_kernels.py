@@ -1,9 +1,9 @@
 """Compiled passes over conditions A v >= b, for :mod:`safety.working_set` and :mod:`safety.resolutions`."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR, njit
 from robots.messages import Array, Indices, Mask
 
 
@@ -73,3 +73,20 @@ def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, short: Array
     for k in range(lower.size):
         demand -= max(row[k] * lower[k], row[k] * upper[k])
     return demand / weights if weights > 0.0 else 0.0
+
+
+@njit(
+    types.float64[::1](VECTOR, VECTOR, MATRIX, VECTOR, VECTOR, VECTOR),
+    cache=True,
+    error_model="numpy",
+    fastmath=ORDER_FREE,
+)
+def issf_demand(h: Array, drift: Array, jac: Array, alpha: Array, margin: Array, epsilon: Array) -> Array:
+    """What the ISSf condition asks of J_i v: alpha (margin - h) - drift + |J|^2 / epsilon, (n,), new; jac (n, nv)."""
+    out = np.empty(h.size)
+    for i in range(h.size):
+        squared = 0.0
+        for k in range(jac.shape[1]):
+            squared += jac[i, k] * jac[i, k]
+        out[i] = alpha[i] * (margin[i] - h[i]) - drift[i] + squared / epsilon[i]
+    return out

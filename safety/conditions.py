@@ -33,12 +33,15 @@ So the margins of SSA, SSS and their kin have to be above :math:`dt\,V`; that is
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 
 from robots.checks import require_non_negative, require_positive
 from robots.errors import ConfigError
-from robots.messages import Array, Indices
+from robots.messages import Array, Indices, Mask
+from safety.condition_kernels import issf_demand
+from safety.kernels import packed
 from safety.rows import FAMILIES, BarrierRows, HalfSpaces
 
 NO_MARGINS: Mapping[str, float] = dict.fromkeys(FAMILIES, 0.0)
@@ -162,6 +165,14 @@ class BarrierParameters:
         return RowParameters(margin=self.margins(margins)[family], **own)
 
 
+@cache
+def _all_active(n: int) -> Mask:
+    """Shape (n,), all true; nobody may write to it."""
+    out = np.ones(n, dtype=bool)
+    out.flags.writeable = False
+    return out
+
+
 def cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     r"""Half-spaces of the control barrier condition.
 
@@ -177,7 +188,7 @@ def cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
     b = parameters.alpha * (parameters.margin - rows.h) - rows.drift
-    return HalfSpaces(rows.jac, b, np.ones(rows.h.size, dtype=bool))
+    return HalfSpaces(rows.jac, b, _all_active(rows.h.size))
 
 
 def issf_cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
@@ -194,9 +205,9 @@ def issf_cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     Returns:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
-    base = cbf(rows, parameters)
-    squared = np.vecdot(rows.jac, rows.jac)
-    return HalfSpaces(base.A, base.b + squared / parameters.epsilon, base.active)
+    p = parameters
+    b = issf_demand(*packed(rows.h, rows.drift, rows.jac, p.alpha, p.margin, p.epsilon))
+    return HalfSpaces(rows.jac, b, _all_active(b.size))
 
 
 def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:

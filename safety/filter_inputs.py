@@ -1,7 +1,5 @@
 """Whether the arrays that a filter is given fit together, and are numbers to reckon with."""
 
-import numpy as np
-
 from robots.checks import all_finite
 from robots.messages import Array
 from safety.kernels import all_numbers
@@ -71,11 +69,6 @@ def wrong_epsilon(n: int, epsilon: Array | None) -> str:
     if epsilon.shape != (n,):
         return f"epsilon has shape {epsilon.shape}, expected {(n,)}"
     return "" if all_finite(epsilon) and (epsilon > 0).all() else "epsilon is not finite and above 0 throughout"
-
-
-def packed(*arrays: Array) -> list[Array]:
-    """The arrays themselves where their entries follow each other as compiled code has it, else copies that do."""
-    return [np.ascontiguousarray(a, dtype=float) for a in arrays]
 
 
 def _differs(array: Array | None, shape: tuple[int, ...]) -> bool:

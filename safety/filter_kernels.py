@@ -2,9 +2,10 @@
 
 import math
 
-from numba import njit, types
+import numpy as np
+from numba import types
 
-from robots.kernel_types import FLAGS, MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
+from robots.kernel_types import FLAGS, MATRIX, ORDER_FREE, OUT, TYPES, VECTOR, njit
 from robots.messages import Array, Mask
 from wbc.qp import UNBOUNDED
 
@@ -115,18 +116,6 @@ def ease(
     return held_back
 
 
-@njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _add_weighted(weight: float, jacobian: Array, hessian: Array) -> None:
-    """Adds weight J^T J to the upper triangle."""
-    if weight <= 0.0:
-        return
-    for r in range(jacobian.shape[0]):
-        for i in range(jacobian.shape[1]):
-            share = weight * jacobian[r, i]
-            for j in range(i, jacobian.shape[1]):
-                hessian[i, j] += share * jacobian[r, j]
-
-
 @njit(
     types.float64(MATRIX, MATRIX, MATRIX, types.float64, types.float64, types.float64, VECTOR, types.float64[:, ::1]),
     cache=True,
@@ -140,16 +129,15 @@ def metric(
 
     Returns a sum of all entries of H and of those of H v times v (nv,): not finite where one of them is not.
     """
-    nv, total = hessian.shape[0], 0.0
-    hessian[:] = 0.0
-    for i in range(nv):
-        hessian[i, i] = 1.0
-    _add_weighted(w_f, feet, hessian)
-    _add_weighted(w_b, balance, hessian)
-    _add_weighted(w_h, hands, hessian)
+    nv, k, total = hessian.shape[0], feet.shape[0], 0.0
+    m = k + balance.shape[0]
+    rows = np.empty((m + hands.shape[0], nv))
+    rows[:k], rows[k:m], rows[m:] = math.sqrt(w_f) * feet, math.sqrt(w_b) * balance, math.sqrt(w_h) * hands
+    squares = np.dot(rows.T, rows)
     for i in range(nv):
         for j in range(i, nv):
-            hessian[j, i] = hessian[i, j]
+            hessian[i, j] = hessian[j, i] = squares[i, j]
+        hessian[i, i] += 1.0
     for i in range(nv):
         pull = 0.0
         for j in range(nv):

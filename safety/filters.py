@@ -11,10 +11,11 @@ from robots.checks import all_finite, require_non_negative, require_one_of, requ
 from robots.errors import ConfigError
 from robots.messages import Array, Indices
 from safety.conditions import BarrierParameters, RowParameters
-from safety.filter_inputs import not_finite, packed, wrong_epsilon, wrong_shape
+from safety.filter_inputs import not_finite, wrong_epsilon, wrong_shape
 from safety.filter_kernels import metric, survey
 from safety.filter_kinds import CONDITIONS, FILTERS, KINDS
 from safety.infeasibility import Candidates
+from safety.kernels import packed
 from safety.recovery import Eased, Recovery, RecoverySettings
 from safety.resolutions import (
     INFEASIBLE,

@@ -20,8 +20,8 @@ Nothing here iterates until something converges, nor in :mod:`safety.boxes`, :mo
 import math
 
 import numpy as np
-from numba import njit
 
+from robots.kernel_types import njit
 from robots.messages import Array, Indices
 
 CONTACT_SIZE = 15

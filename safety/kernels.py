@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, VECTOR, njit
 from robots.messages import Array, Indices
 
 NO_DIRECTION = 1e-9
@@ -14,13 +14,10 @@ NO_DIRECTION = 1e-9
 ALIGNED = 1e-12
 """Free directions whose Gram determinant is below this count as one: points slide the same along either."""
 
-SINGLE_THREADED = 9216
-"""Numbers in a matrix up to which BLAS multiplies it alone; for more it starts threads, and waits for them."""
-
 
 def all_numbers(h: Array, drift: Array, jac: Array) -> bool:
     """Whether all numbers of barrier rows are finite: h (n,), drift (n,), jac (n, nv)."""
-    return math.isfinite(_total(_packed(h), _packed(drift), _packed(jac)))
+    return math.isfinite(_total(*packed(h, drift, jac)))
 
 
 @njit(types.float64(VECTOR, VECTOR, MATRIX), cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -39,13 +36,14 @@ def _total(h: Array, drift: Array, jac: Array) -> float:
 def room(A: Array, v: Array, b: Array) -> Array:
     """A v - b, new: by how much conditions A (n, nv), b (n,) hold at v (nv,); below 0 they do not."""
     out = np.empty(b.size)
-    _room(_packed(A), _packed(v), _packed(b), out)
+    A, v, b = packed(A, v, b)
+    _room(A, v, b, out)
     return out
 
 
-def _packed(array: Array) -> Array:
-    """The array itself where its entries follow each other, else a copy in which they do."""
-    return np.ascontiguousarray(array, dtype=float)
+def packed(*arrays: Array) -> list[Array]:
+    """The arrays themselves where their entries follow each other as compiled code has it, else copies that do."""
+    return [np.ascontiguousarray(a, dtype=float) for a in arrays]
 
 
 @njit(types.void(MATRIX, VECTOR, VECTOR, types.float64[::1]), cache=True, error_model="numpy", fastmath=ORDER_FREE)

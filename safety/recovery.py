@@ -176,6 +176,8 @@ class Recovery:
             metric: gives H, shape (nv, nv).
             limit: shape (nv,) bounds on the size of the velocity.
         """
+        if self._waited >= RELEASE and not rows.h.min(initial=0.0) < 0.0:
+            return None
         lost = spaces.active & (rows.h < 0)
         if not self._is_engaged(lost, rows, spaces, parameters):
             return None

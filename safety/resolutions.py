@@ -131,7 +131,7 @@ class NearestQp:
             hard = self._hard.solve(problem, b)
             if hard.v is not None:
                 self._conflict = lost.size > 0
-                return Resolved(hard.v, False, _copy(problem, hard.working, lost) if lost.size else None)
+                return Resolved(hard.v, False, _copy(problem, self._hard.working(), lost) if lost.size else None)
         if not proved:
             proved, v = self._soft.go_on()
             certain = certain or least_shortfall(A, b, *bounds, short) > CERTAIN

@@ -10,7 +10,6 @@ import numpy as np
 from robots.messages import Array, Indices
 from safety.filter_kernels import tally
 from safety.infeasibility import Candidates, minimal_conflict
-from safety.kernels import SINGLE_THREADED
 from safety.rows import HalfSpaces
 
 ACTIVE = 1e-6
@@ -18,6 +17,13 @@ ACTIVE = 1e-6
 
 RELAXED = 1e-7
 """Conditions violated by more than this [m/s, rad/s] count as relaxed; less is a solver's rounding."""
+
+
+SINGLE_THREADED = 9216
+"""Numbers in a matrix up to which BLAS multiplies it alone; for more it starts threads, and waits for them."""
+
+NO_ROWS, NOTHING = np.zeros(0, dtype=np.intp), np.zeros(0)
+"""Where no condition is violated; nobody may write to them, and there is nothing to write."""
 
 
 class FilterStatus(IntEnum):
@@ -59,8 +65,8 @@ class FilterResult:
     slack: float
     worst_row: int
     active: int
-    relaxed: Indices = field(default_factory=lambda: np.zeros(0, dtype=np.intp))
-    shortfall: Array = field(default_factory=lambda: np.zeros(0))
+    relaxed: Indices = field(default_factory=lambda: NO_ROWS)
+    shortfall: Array = field(default_factory=lambda: NOTHING)
     cause: str = ""
     candidates: Candidates | None = None
     spent: bool = False

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, OUT_ROWS, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT_ROWS, VECTOR, njit
 from robots.messages import Array, Indices, Mask
 from safety.working_set import NOT_WANTED, Problem
 from wbc.active_set import OPTIMAL, search

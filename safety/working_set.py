@@ -20,7 +20,7 @@ PASSES, ITERATIONS = 2, 60
 BEYOND = 1e-9
 """A row violated by more than this [m/s, rad/s] has to be seen by it."""
 
-NOT_WANTED = np.zeros(0)
+NOT_WANTED, NO_ROWS = np.zeros(0), np.zeros(0, dtype=np.int64)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,12 +53,12 @@ class Optimum(NamedTuple):
 
     Attributes:
         v: shape (nv,) the optimum; ``None`` where there is none, or none was found.
-        working: rows that the search had active at its end; where there is no optimum, among them those in conflict.
+        working: rows that the search had active at its end where there is no optimum, among them those in conflict.
         spent: whether neither an optimum nor a conflict was proved: a budget was spent, or rounding stood in the way.
     """
 
     v: Array | None
-    working: Indices
+    working: Indices = NO_ROWS
     spent: bool = False
 
 
@@ -93,19 +93,19 @@ class WorkingSetQp:
         gradient = -(problem.hessian @ problem.v_des)
         outcome, v = self._active.solve(problem.hessian, gradient, A, self._lower, self._upper, NOT_WANTED)
         if outcome == OPTIMAL:
-            return Optimum(np.minimum(np.maximum(v, problem.lower), problem.upper), self._working())
+            return Optimum(np.minimum(np.maximum(v, problem.lower), problem.upper))
         if outcome in {CONTRADICTION, SPENT}:
-            return Optimum(None, self._working(), outcome == SPENT)
+            return Optimum(None, self.working(), outcome == SPENT)
         return self._ask_again(problem, A, b)
 
-    def _working(self) -> Indices:
+    def working(self) -> Indices:
         """Rows among the active limits of the search."""
         limits = np.abs(self._active.guess) - 1
         return np.sort(limits[limits >= self._nv]) - self._nv
 
     def _ask_again(self, problem: Problem, A: Array, b: Array) -> Optimum:
         chosen, room = problem.violated & (b > -UNBOUNDED), np.empty(b.size)
-        chosen[self._working()] = True
+        chosen[self.working()] = True
         for _ in range(PASSES):
             working = np.flatnonzero(chosen)
             if working.size > CAPACITY:
@@ -114,8 +114,8 @@ class WorkingSetQp:
             if v is None:
                 return Optimum(None, working, True)
             if not add_violated(A, v, b, BEYOND, chosen, room):
-                return Optimum(v, working)
-        return Optimum(None, self._working(), True)
+                return Optimum(v)
+        return Optimum(None, self.working(), True)
 
 
 class _SecondSolver:

@@ -1,8 +1,9 @@
 """Compiled reading of MuJoCo's arrays: the loads on the soles and the state, once a physics step each."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
+from robots.kernel_types import njit
 from robots.messages import Array, Indices
 
 LEAST_FORCE = 1.0

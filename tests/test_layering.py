@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parents[1]
 MAY_IMPORT = {
     "robots": (),
     "wbc": ("robots",),
-    "safety": ("robots", "wbc.qp", "wbc.active_set", "wbc.least_slack"),
+    "safety": ("robots", "wbc.qp", "wbc.active_set", "wbc.least_slack", "wbc.triangular"),
     "controllers": ("robots", "wbc", "safety"),
     "sims": ("robots",),
     "experiments": ("robots", "wbc", "safety", "controllers", "sims"),

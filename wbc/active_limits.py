@@ -4,9 +4,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
-from robots.kernel_types import ORDER_FREE
+from robots.kernel_types import ORDER_FREE, njit
 from robots.messages import Array, Indices, Mask
 from wbc.limits import NOTHING, Limits
 from wbc.triangular import backward, forward, product

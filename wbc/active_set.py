@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR, njit
 from robots.messages import Array, Indices
 from wbc.active_limits import (
     WRONG_SIGN,

@@ -33,9 +33,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, OUT, OUT_ROWS, PLACES, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, OUT_ROWS, PLACES, VECTOR, njit
 from robots.messages import Array, Indices
 from wbc.posture import add_damped_posture, add_posture, move, project
 

@@ -4,9 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT, TYPES, VECTOR, njit
 from robots.messages import Array, Indices, Mask
 from wbc.active_set import OPTIMAL, SPENT, UNKNOWN, search
 

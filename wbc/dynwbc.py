@@ -118,6 +118,8 @@ class DynWbc:
             for count in range(len(contacts) + 1)
             for standing in itertools.combinations(feet, count)
         }
+        # by the bytes of the mask: a tuple of the feet takes longer to make, and counts towards the next collection
+        self._by_contact = {np.isin(feet, standing).tobytes(): qp for standing, qp in self._qps.items()}
         self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
         self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
 

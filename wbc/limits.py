@@ -3,9 +3,7 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
-from robots.kernel_types import ORDER_FREE
+from robots.kernel_types import ORDER_FREE, njit
 from robots.messages import Array, Indices, Mask
 from wbc.triangular import product
 

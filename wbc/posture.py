@@ -1,9 +1,9 @@
 """The posture below all levels of :mod:`wbc.damped_priorities`, in the coordinates that these leave; compiled."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import ORDER_FREE, OUT, OUT_ROWS
+from robots.kernel_types import ORDER_FREE, OUT, OUT_ROWS, njit
 from robots.messages import Array
 from wbc.triangular import backward, factorise, forward
 

@@ -7,11 +7,11 @@ from typing import Literal, Protocol
 import daqp
 import numpy as np
 import proxsuite
-from numba import njit, types
+from numba import types
 
 from robots.checks import require_one_of
 from robots.errors import ConfigError
-from robots.kernel_types import MATRIX, VECTOR
+from robots.kernel_types import MATRIX, VECTOR, njit
 from robots.messages import Array
 from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
 from wbc.limits import TOLERANCE

@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import COLUMNS, MATRIX, OUT, OUT_ROWS, TABLE, VECTOR
+from robots.kernel_types import COLUMNS, MATRIX, OUT, OUT_ROWS, TABLE, VECTOR, njit
 from robots.messages import Array, Indices
 
 POSITION, ORIENTATION, POSE = 1, 2, 3

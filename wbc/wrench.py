@@ -1,9 +1,9 @@
 """Contact wrench reference: from a commanded CoM acceleration to a wrench for each foot. Compiled."""
 
 import numpy as np
-from numba import njit, types
+from numba import types
 
-from robots.kernel_types import COLUMNS, FLAGS, MATRIX, PLACES, VECTOR
+from robots.kernel_types import COLUMNS, FLAGS, MATRIX, PLACES, VECTOR, njit
 from robots.messages import Array, Indices, Mask
 from robots.rotation import skew
 

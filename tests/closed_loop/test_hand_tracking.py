@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
+from controllers.robot_config import controller_config
 from experiments.hand_tracking import arm_length, run_hand_tracking
 from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
 from experiments.results import RunResult

@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
+from controllers.robot_config import controller_config
 from experiments.recovery import STARTS, leave_collision, recovery_figures
 from robots.loader import load_robot
 from robots.messages import Array

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from controllers.config import TaskTuning, controller_config, from_table
+from controllers.config import TaskTuning
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config, from_table
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.config import FilterTuning, controller_config
+from controllers.config import FilterTuning
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.kinematics import Kinematics
 from robots.loader import load_robot

@@ -12,10 +12,10 @@ import pytest
 
 import experiments
 from controllers.command_script import CommandedWalk, CommandScript, between, read_script
-from controllers.config import controller_config
 from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
 from controllers.motions import CarriedHands
 from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.walking import Walking
 from controllers.walking_config import WalkTuning, walk_tuning, walking_changes
 from robots.description import RobotDescription

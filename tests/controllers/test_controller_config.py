@@ -6,14 +6,9 @@ from typing import Any
 
 import pytest
 
-from controllers.config import (
-    ContactTuning,
-    ControllerConfig,
-    FilterTuning,
-    TaskTuning,
-    controller_config,
-)
+from controllers.config import ContactTuning, ControllerConfig, FilterTuning, TaskTuning
 from controllers.motions import circle_settings
+from controllers.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
@@ -47,7 +42,7 @@ def test_tables_of_the_description_override_defaults_and_changes_override_tables
     assert (config.gain_scale, config.filter, config.dt) == (0.5, "none", 0.001)
 
 
-@pytest.mark.parametrize("table", ["tasks", "safety", "contact", "dynwbc", "controller"])
+@pytest.mark.parametrize("table", ["tasks", "safety", "cbf", "contact", "dynwbc", "controller"])
 def test_an_unknown_field_is_refused_with_the_known_ones(table: str) -> None:
     with pytest.raises(DescriptionError) as caught:
         controller_config(with_tuning(**{table: {"colour": 1.0}}))
@@ -115,6 +110,27 @@ def test_a_bad_or_unknown_parameter_of_a_family_is_refused_with_its_place() -> N
         controller_config(with_tuning(safety={"obstacle": {"beta": 1.0}}))
     with pytest.raises(DescriptionError, match=r"tuning\.safety\.obstacle"):
         controller_config(with_tuning(safety={"obstacle": 3.0}))
+
+
+def test_a_cbf_may_have_parameters_of_its_own_on_top_of_those_of_all_filters() -> None:
+    robot = with_tuning(
+        safety={"self_collision": {"alpha": 8.0, "eta": 0.3}, "foot_weight": 3.0},
+        cbf={"self_collision": {"alpha": 4.0}},
+    )
+    others = controller_config(robot).safety
+    assert (others.self_collision.alpha, others.foot_weight) == (8.0, 3.0)
+    assert controller_config(robot, filter="ecbf").safety == others
+    for config in (
+        controller_config(robot, filter="cbf"),
+        controller_config(with_tuning(**robot.tuning, controller={"filter": "cbf"})),
+    ):
+        pairs = replace(others.self_collision, alpha=4.0)
+        assert config.safety == replace(others, self_collision=pairs)
+    # also of a filter that does not run the table is looked at
+    with pytest.raises(ConfigError, match=r"cbf\.obstacle\.alpha"):
+        controller_config(with_tuning(cbf={"obstacle": {"alpha": -1.0}}))
+    with pytest.raises(DescriptionError, match=r"tuning\.cbf\.obstacle.*beta.*alpha"):
+        controller_config(with_tuning(cbf={"obstacle": {"beta": 1.0}}))
 
 
 def test_bad_values_in_a_description_are_refused() -> None:

@@ -6,10 +6,11 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.config import FilterTuning, controller_config, from_table
+from controllers.config import FilterTuning
 from controllers.footsteps import LEFT, RIGHT
 from controllers.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config, from_table
 from controllers.supervisor import Supervisor
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription

@@ -7,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
 from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.supervisor import FADE_TIME, HOLD_TIME, LARGEST, MAX_FAILURES, Supervisor, describe_fault
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from controllers.balance import clip_to_support, zmp_command
-from controllers.config import controller_config
 from controllers.lipm import DcmReference
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.task_stack import TaskStack
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics

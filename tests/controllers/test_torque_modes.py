@@ -6,8 +6,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import ControllerConfig, controller_config
+from controllers.config import ControllerConfig
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.torque_modes import TORQUE_MODES, gravity_torque
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.config import FilterTuning, controller_config
+from controllers.config import FilterTuning
+from controllers.robot_config import controller_config
 from controllers.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.options import FilterOptions, StandOptions
 from experiments.session import check_options, control_config, filter_changes

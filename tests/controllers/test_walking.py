@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 import controllers.walking
-from controllers.config import controller_config
 from controllers.feet import Feet
 from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.walking import Support, Walking
 from controllers.walking_config import WalkTuning, walk_tuning
 from controllers.whole_body import WholeBodyController

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.warm_up import BEYOND, CONTACTS, obstacles_at, situations
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription
@@ -117,7 +117,7 @@ def test_the_situations_have_all_contacts_all_kinds_and_both_kinds_of_balance(ro
 PROGRAM = """
 import sys
 import numpy as np
-from controllers.config import controller_config
+from controllers.robot_config import controller_config
 from controllers.reference import reference_here
 from controllers.warm_up import obstacles_at
 from controllers.whole_body import WholeBodyController

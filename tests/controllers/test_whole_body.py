@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.config import ControllerConfig, controller_config
+from controllers.config import ControllerConfig
 from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import STAGES, WholeBodyController
 from robots.description import Body, RobotDescription
 from robots.errors import ConfigError

@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import BalanceTuning, ContactTuning, FilterTuning, TaskTuning, controller_config
+from controllers.config import BalanceTuning, ContactTuning, FilterTuning, TaskTuning
 from controllers.reference import PointReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.supervisor import Supervisor
 from controllers.whole_body import TickResult, WholeBodyController
 from robots.description import RobotDescription

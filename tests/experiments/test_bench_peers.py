@@ -11,8 +11,8 @@ import pinocchio as pin
 import pytest
 from rich.console import Console
 
-from controllers.config import controller_config
 from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from experiments import bench_peers, cli
 from experiments.bench import prepared, recorded
 from experiments.bench_peers import BLOCK, OUR_TICK, OURS, WARM_UP, Line, figures, measure, notes, table

@@ -18,6 +18,7 @@ from controllers.whole_body import STAGES
 from experiments import cli, console, table, warmup
 from experiments.options import OutputOptions, PlantOptions, RunOptions, StandOptions
 from experiments.results import load_result
+from robots.kernel_types import CACHE_PREFIX
 from robots.loader import load_robot
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -439,6 +440,14 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     for name in ("imports", "mujoco", "robots", "solvers", "kernels", "results"):
         assert f"ok   {name}" in outcome.out
     assert safewbc.files() == []
+
+
+def test_caches_of_other_states_of_the_sources_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in (f"{CACHE_PREFIX}new", f"{CACHE_PREFIX}old", "others"):
+        (tmp_path / name / "wbc").mkdir(parents=True)
+    monkeypatch.setattr(warmup, "CACHE_FOLDER", tmp_path / f"{CACHE_PREFIX}new")
+    warmup.forget_old_caches()
+    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{CACHE_PREFIX}new", "others"]
 
 
 def test_filled_caches_hold_every_kernel_that_a_controller_needs() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
+from controllers.robot_config import controller_config
 from experiments.recovery import COLUMNS, TITLE, recovery_figures, recovery_plot, recovery_study
 from experiments.study_print import show_study
 from robots.loader import load_robot

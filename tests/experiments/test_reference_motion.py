@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
 from controllers.reference import WholeBodyReference, reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import WholeBodyController
 from experiments.reference_motion import reference_motion
 from experiments.scenario import Cast

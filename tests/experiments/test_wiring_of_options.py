@@ -7,8 +7,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.config import controller_config
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import WholeBodyController
 from experiments.encounter import VELOCITIES, Encounter, SensorSettings, passing_sphere
 from experiments.hand_tracking import obstacle_settings, run_hand_tracking

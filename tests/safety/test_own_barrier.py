@@ -9,8 +9,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import controller_config
 from controllers.reference import reference_here
+from controllers.robot_config import controller_config
 from controllers.whole_body import WholeBodyController
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics

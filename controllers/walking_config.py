@@ -171,7 +171,9 @@ def walk_tuning(robot: RobotDescription) -> WalkTuning:
 
 
 def walking_changes(robot: RobotDescription, load_estimate: bool = True) -> dict[str, Any]:
-    """Fields of the controller's configuration that walking sets, for :func:`controllers.robot_config.controller_config`.
+    """Fields of the controller's configuration that walking sets.
+
+    They are for :func:`controllers.robot_config.controller_config`.
 
     Args:
         robot: the description.

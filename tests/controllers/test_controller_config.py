@@ -124,8 +124,7 @@ def test_a_cbf_may_have_parameters_of_its_own_on_top_of_those_of_all_filters() -
         controller_config(robot, filter="cbf"),
         controller_config(with_tuning(**robot.tuning, controller={"filter": "cbf"})),
     ):
-        pairs = replace(others.self_collision, alpha=4.0)
-        assert config.safety == replace(others, self_collision=pairs)
+        assert config.safety == replace(others, self_collision=replace(others.self_collision, alpha=4.0))
     # also of a filter that does not run the table is looked at
     with pytest.raises(ConfigError, match=r"cbf\.obstacle\.alpha"):
         controller_config(with_tuning(cbf={"obstacle": {"alpha": -1.0}}))

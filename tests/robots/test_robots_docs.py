@@ -9,7 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.config import TABLES as TUNING_TABLES
+from controllers.robot_config import TABLES as TUNING_TABLES
 from controllers.motions import CircleSettings, circle_settings
 from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import HandTrackingOptions

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.robot_config import TABLES as TUNING_TABLES
 from controllers.motions import CircleSettings, circle_settings
+from controllers.robot_config import TABLES as TUNING_TABLES
 from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.options import HandTrackingOptions
 from robots.description import ROLES, Joint

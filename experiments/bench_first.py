@@ -13,23 +13,20 @@ import numpy as np
 from rich.console import Console
 from rich.table import Table
 
-from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.warm_up import at_rest
-from controllers.whole_body import WholeBodyController
 from experiments.options import BenchOptions
 from experiments.warmup import fill_caches
+from experiments.worst_course import Course
+from experiments.worst_scenes import Scene
 from robots.checks import require_one_of
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.pinocchio_model import standing_configuration
 from safety.filters import FILTERS
 
 PROCESSES = 5
 """How many processes are started for each line; the middle one counts."""
 
-TICKS = 500
-"""Ticks after the first, of which the median is taken."""
+TICKS = 2500
+"""Ticks after the second, of which the median is taken: a turn of the hands, as `bench tick` has it."""
 
 KINDS = ("warm_up_ms", "first_ms", "second_ms", "median_ms")
 """Figures of one process."""
@@ -78,19 +75,19 @@ def middle(found: list[dict[str, Any]]) -> dict[str, float]:
 
 def measure_here(robot_name: str, safety_filter: str, warm: bool) -> dict[str, float]:
     """The figures ``KINDS`` [ms] of this process, whose first ticks these have to be."""
-    robot = load_robot(robot_name)
-    controller = WholeBodyController(robot, controller_config(robot, filter=safety_filter), with_hands=True)
-    state = at_rest(controller.kin, standing_configuration(robot))
-    controller.reset(state)
-    reference = reference_here(controller.kin, with_hands=True)
+    options = BenchOptions("first", filter=safety_filter)
+    course = Course(load_robot(robot_name), options, Scene("undisturbed", ()))
     start = time.perf_counter()
     if warm:
-        controller.warm_up()
+        course.controller.warm_up()
     times = [time.perf_counter() - start]
     for _ in range(2 + TICKS):
+        given = course.prepare()
         start = time.perf_counter()
-        controller.tick(state, reference)
+        result = course.supervisor.tick(*given)[1]
         times.append(time.perf_counter() - start)
+        assert result is not None
+        course.follow(result)
     values = (times[0], times[1], times[2], float(np.median(times[3:])))
     return {k: 1e3 * t for k, t in zip(KINDS, values, strict=True)}
 

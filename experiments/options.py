@@ -242,8 +242,8 @@ class BenchOptions:
     ]
     """What to measure."""
     robots: tuple[str, ...] = ("g1", "tocabi")
-    """Only with tick, first, rows, worst and loop: robots to measure: g1, tocabi, or paths of .toml descriptions, but
-    for first with a table [tuning.hand_tracking]."""
+    """Only with tick, first, rows, worst and loop: robots to measure: g1, tocabi, or paths of .toml descriptions
+    with a table [tuning.hand_tracking]."""
     ticks: int | None = None
     """Ticks to measure, at least 100 of tick and peers (5000 if not given), rows (3000 of each size) and worst (100000,
     of all sequences together), 10 of filters (300 of each size if not given) [-]."""

@@ -16,7 +16,7 @@ from rich.console import Console
 from controllers.robot_config import controller_config
 from controllers.whole_body import WholeBodyController
 from robots.description import RobotDescription
-from robots.kernel_types import CACHE_FOLDER, CACHE_PREFIX
+from robots.kernel_types import CACHE_FOLDER, CACHE_PREFIX, OWN_FOLDER
 from robots.loader import BUILT_IN, load_robot
 from safety.filters import FILTERS
 from safety.obstacles import KINDS
@@ -72,8 +72,10 @@ def fill_caches() -> Preparation:
 
 
 def forget_old_caches() -> None:
-    """Remove the caches of other states of the kernels' sources."""
-    for folder in CACHE_FOLDER.parent.glob(f"{CACHE_PREFIX}*"):
+    """Remove the caches of other states of the kernels' sources, where no other installation can have one."""
+    if CACHE_FOLDER.parent != OWN_FOLDER:
+        return
+    for folder in OWN_FOLDER.glob(CACHE_PREFIX + 16 * "[0-9a-f]"):
         if folder != CACHE_FOLDER:
             shutil.rmtree(folder, ignore_errors=True)
 

@@ -4,6 +4,7 @@ With its types given in advance a kernel is compiled when its module is imported
 """
 
 import hashlib
+import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -45,19 +46,29 @@ def sources_digest(root: Path) -> str:
         text = path.read_bytes()
         if b"njit" not in text:
             text = b"\n".join(line for line in text.splitlines() if line[:1].isupper() and b"=" in line)
-        digest.update(b"\0".join([path.name.encode(), text, b""]))
+        digest.update(b"\0".join([path.parent.name.encode(), path.name.encode(), text, b""]))
     return digest.hexdigest()[:16]
 
 
+OWN_FOLDER = Path(__file__).resolve().parent / "__pycache__"
+"""Where caches are that no other installation uses."""
+
+
 def _cache_folder() -> Path:
-    here = Path(__file__).resolve()
-    parent = Path(_CONFIG.CACHE_DIR) if _CONFIG.CACHE_DIR else here.parent / "__pycache__"
-    return parent / f"{CACHE_PREFIX}{sources_digest(here.parents[1])}"
+    """The first that can be written: what NUMBA_CACHE_DIR names, ``OWN_FOLDER``, a folder of the user."""
+    user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "safewbc"
+    chosen = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else [OWN_FOLDER, user]
+    parent = next((folder for folder in chosen if _can_be_written(folder)), chosen[0])
+    return parent / f"{CACHE_PREFIX}{sources_digest(OWN_FOLDER.parents[1])}"
+
+
+def _can_be_written(folder: Path) -> bool:
+    there = next(path for path in (folder, *folder.parents) if path.exists())
+    return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 
 CACHE_FOLDER = _cache_folder()
-"""Where compiled kernels are kept: below the folder that the environment variable NUMBA_CACHE_DIR names, else below
-``__pycache__``; where that cannot be written, numba takes a folder of the user."""
+"""Where compiled kernels are kept."""
 
 
 def njit(*signature: Any, **options: Any) -> Callable[[Callable[..., Any]], Any]:

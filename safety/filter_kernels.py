@@ -131,8 +131,14 @@ def metric(
     """
     nv, k, total = hessian.shape[0], feet.shape[0], 0.0
     m = k + balance.shape[0]
-    rows = np.empty((m + hands.shape[0], nv))
-    rows[:k], rows[k:m], rows[m:] = math.sqrt(w_f) * feet, math.sqrt(w_b) * balance, math.sqrt(w_h) * hands
+    rows = np.zeros((m + hands.shape[0], nv))
+    # what weighs nothing need not be numbers
+    if w_f > 0.0:
+        rows[:k] = math.sqrt(w_f) * feet
+    if w_b > 0.0:
+        rows[k:m] = math.sqrt(w_b) * balance
+    if w_h > 0.0:
+        rows[m:] = math.sqrt(w_h) * hands
     squares = np.dot(rows.T, rows)
     for i in range(nv):
         for j in range(i, nv):

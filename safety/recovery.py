@@ -59,6 +59,7 @@ from robots.checks import require_positive
 from robots.messages import Array, Mask
 from safety.conditions import RowParameters
 from safety.filter_kernels import ease
+from safety.kernels import packed
 from safety.rows import BarrierRows, HalfSpaces
 from safety.working_set import NOT_WANTED
 from wbc.active_set import CONTRADICTION, OPTIMAL, ActiveSet
@@ -94,7 +95,7 @@ SHALLOW = 1e-9
 """Share of its recovery depth that a lost row counts as deep at least, as it is weighed."""
 
 SHORT = 1e-12
-"""Added to the squared length of a row [m^2]: nothing moves a row without length."""
+"""Added to the squared length of a row [m^2]: nothing moves a row without length, and none that is shorter counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -186,10 +187,9 @@ class Recovery:
         if any_lost := bool(lost.any()):
             at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
         theta, b = np.empty(lost.size), np.empty(lost.size)
-        A = np.ascontiguousarray(spaces.A)
+        h, drift, A, asked, at_zero, last = packed(rows.h, rows.drift, spaces.A, spaces.b, at_zero, self._last)
         bounds = parameters.recovery_depth, parameters.recovery_speed, parameters.recovery_acceleration
-        conditions = (lost, A, spaces.b, at_zero, self._last)
-        self._held_back = ease(rows.h, rows.drift, *conditions, *bounds, self._dt, theta, b)
+        self._held_back = ease(h, drift, lost, A, asked, at_zero, last, *bounds, self._dt, theta, b)
         if any_lost:
             v = self._compromise(A, b, lost, theta, nominal, metric(), limit)
             b[lost] = np.minimum(b, A @ (self._last if v is None else v) - ROUNDING)[lost]
@@ -223,6 +223,8 @@ class Recovery:
         if not squared_lengths(hessian, A, soft, length):
             # weights too large to reckon with
             return None
+        # a row that nothing moves has no say in how to move
+        soft, length = soft[length > SHORT], length[length > SHORT]
         n = nominal.size
         self._softness[:] = 0.0
         self._softness[n + soft] = np.maximum(theta[soft], SHALLOW) * (length + SHORT) / self.settings.weight

@@ -10,16 +10,11 @@ from robots.messages import Array, Indices
 from safety.condition_kernels import least_shortfall, next_to_immovable
 from safety.infeasibility import Candidates
 from safety.rows import BarrierRows
-from safety.second_phase import SecondPhase
+from safety.second_phase import SLACK_PULL, SecondPhase
 from safety.working_set import BEYOND, Optimum, Problem, WorkingSetQp
 from wbc.active_set import OPTIMAL
 from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED
-
-SLACK_PULL = 1e-8
-"""Weight of the nominal velocity while the least slack is sought: it makes the velocity unique.
-
-It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
 
 LEVER = 1e-4
 """A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
@@ -84,8 +79,8 @@ class NearestQp:
     .. math:: \|s\| \le (1 + \mathrm{EASE}) \|s^*\|
 
     and each row left out is short of at most ``LEVER`` times the widest bound's range more than at its best. Without
-    such rows it is the least, to rounding (``SLACK_PULL``, ``ROUNDING`` of :mod:`safety.second_phase`). Should rounding
-    leave the second phase without an answer, that of the first is taken.
+    such rows it is the least, to rounding (``SLACK_PULL`` and ``ROUNDING`` of :mod:`safety.second_phase`). Should
+    rounding leave the second phase without an answer, that of the first is taken.
 
     After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
     slack does not prove that they cannot: the answer is the same, only sooner.

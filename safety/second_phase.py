@@ -17,9 +17,14 @@ ROUNDS = 100
 ROUNDING = 1e-8
 """Room [m/s, rad/s] given to a row on top of its least slack, so that rounding does not make it infeasible again."""
 
-VIOLATED = 1e-5
-"""A row short of more than this [m/s, rad/s] is violated for certain, not by the first phase's pull to the nominal
-input."""
+SLACK_PULL = 1e-8
+"""Weight of the nominal velocity while the least slack is sought: it makes the velocity unique.
+
+It costs slack of about this times the change of velocity over the row's length: below 1e-6 m/s."""
+
+VIOLATED, CLEARLY = 1e-5, 100.0
+"""A row short of more than this [m/s, rad/s] is violated for certain where it pulls so many times as hard as the
+nominal velocity does in the first phase: it is not that pull which it is short by."""
 
 SAMPLE = 4
 """So many violated rows for each variable, evenly among them, tell which directions they fix,"""
@@ -32,25 +37,30 @@ PULLED = 1e-4
 
 
 @njit(
-    types.boolean[::1](MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, OUT_ROWS),
+    types.boolean[::1](MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT_ROWS),
     cache=True,
     error_model="numpy",
     fastmath=ORDER_FREE,
 )
-def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, curvature: Array) -> Mask:
+def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, least: float, curvature: Array) -> Mask:
     """Which variables (nv,) violated rows, weighted by what they are short of, hold at a bound.
 
-    Writes the sum of A_i^T A_i over (a sample of) these rows, the upper triangle of (nv, nv).
+    Rows and bounds that pull with less than ``least`` do not count. Writes the sum of A_i^T A_i over (a sample of)
+    these rows, the upper triangle of (nv, nv).
     """
     nv = v.size
     pull, size, held = np.zeros(nv), np.zeros(nv), np.zeros(nv, np.bool_)
     curvature[:] = 0.0
-    count = 0
+    counts = np.zeros(short.size, np.bool_)
     for i in range(short.size):
-        count += short[i] > VIOLATED
-    stride, seen = 1 + count // (SAMPLE * nv), 0
+        if short[i] > VIOLATED:
+            squared = 0.0
+            for k in range(nv):
+                squared += A[i, k] * A[i, k]
+            counts[i] = short[i] * math.sqrt(squared) > least
+    stride, seen = 1 + counts.sum() // (SAMPLE * nv), 0
     for i in range(short.size):
-        if not short[i] > VIOLATED:
+        if not counts[i]:
             continue
         seen += 1
         row = A[i]
@@ -64,7 +74,8 @@ def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, curva
                 for j in range(k, nv):
                     out[j] += share * row[j]
     for k in range(nv):
-        up, down = pull[k] > PULLED * size[k], -pull[k] > PULLED * size[k]
+        enough = max(PULLED * size[k], least)
+        up, down = pull[k] > enough, -pull[k] > enough
         held[k] = (up and v[k] >= upper[k]) or (down and v[k] <= lower[k])
     return held
 
@@ -170,7 +181,8 @@ class SecondPhase:
             v: shape (nv,) what the first phase found, between the bounds.
         """
         lower, upper = problem.lower, problem.upper
-        basis = directions_left(self._curvature, fixed_by(A, short, v, lower, upper, self._curvature))
+        least = CLEARLY * SLACK_PULL * float(np.abs(v - problem.clipped()).max(initial=0.0))
+        basis = directions_left(self._curvature, fixed_by(A, short, v, lower, upper, least, self._curvature))
         r = basis.shape[1]
         if r == 0:
             return v.copy()

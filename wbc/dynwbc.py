@@ -183,8 +183,7 @@ class DynWbc:
         Raises:
             ValueError: another number of conditions than announced.
         """
-        # by way of a list: a tuple made straight from an iterator counts towards the next collection of garbage
-        qp = self._qps[tuple([i for i, touching in enumerate(in_contact) if touching])]
+        qp = self._by_contact[np.asarray(in_contact, dtype=bool).tobytes()]
         nj, nx, w = self.nj, qp.nx, self.weights
         jacobian = self._stacked_jacobian(kin, qp.feet)
         base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))

@@ -442,12 +442,18 @@ def test_doctor_finds_nothing_missing(safewbc: CommandLine) -> None:
     assert safewbc.files() == []
 
 
-def test_caches_of_other_states_of_the_sources_go(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in (f"{CACHE_PREFIX}new", f"{CACHE_PREFIX}old", "others"):
+@pytest.mark.parametrize("shared", [False, True])
+def test_caches_of_other_states_of_the_sources_go_where_nobody_else_has_any(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, shared: bool
+) -> None:
+    new, old = (CACHE_PREFIX + 16 * digit for digit in "ab")
+    others = ["kernels-of-mine", "others"]
+    for name in (new, old, *others):
         (tmp_path / name / "wbc").mkdir(parents=True)
-    monkeypatch.setattr(warmup, "CACHE_FOLDER", tmp_path / f"{CACHE_PREFIX}new")
+    monkeypatch.setattr(warmup, "CACHE_FOLDER", tmp_path / new)
+    monkeypatch.setattr(warmup, "OWN_FOLDER", tmp_path / "elsewhere" if shared else tmp_path)
     warmup.forget_old_caches()
-    assert sorted(path.name for path in tmp_path.iterdir()) == [f"{CACHE_PREFIX}new", "others"]
+    assert {path.name for path in tmp_path.iterdir()} == {new, *others, *([old] if shared else [])}
 
 
 def test_filled_caches_hold_every_kernel_that_a_controller_needs() -> None:

@@ -105,3 +105,11 @@ def test_what_is_asked_for_while_rows_are_lost_is_numpys() -> None:
         assert said == held_back
         np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
         np.testing.assert_allclose(theta, np.where(lost, share, 0.0), rtol=0, atol=1e-15)
+
+
+def test_what_weighs_nothing_need_not_be_numbers() -> None:
+    v, hessian = np.ones(4), np.empty((4, 4))
+    nothing, numbers = np.full((2, 4), np.nan), np.eye(4)[:1]
+    assert np.isfinite(metric(numbers, nothing, nothing, 3.0, 0.0, 0.0, v, hessian))
+    np.testing.assert_allclose(hessian, np.eye(4) + 3.0 * numbers.T @ numbers, rtol=0, atol=1e-12)
+    assert not np.isfinite(metric(numbers, nothing, nothing, 3.0, 1.0, 0.0, v, hessian))

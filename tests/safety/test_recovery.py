@@ -298,3 +298,32 @@ def test_rows_that_hold_stay_eased_until_they_ask_for_all_they_do_otherwise() ->
     assert ACCELERATION * DT / jac[1, 1] < 0.05 * SETTINGS.acceleration * DT
     assert np.diff(rates, prepend=0.0).max() <= ACCELERATION * DT + 1e-6
     assert rates[-1] == pytest.approx(asked, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", QPS)
+def test_lost_rows_may_have_any_layout_and_type_of_numbers(name: str) -> None:
+    rng = np.random.default_rng(31)
+    n, nv = 6, 4
+    h, jac, drift = np.full(n, -0.05), rng.normal(size=(n, nv)).astype(np.float32), np.zeros(n)
+    family, v_des = np.ones(n, dtype=np.intp), rng.normal(size=nv)
+    expected = filter_of(n, nv, name).apply(BarrierRows(h, jac.astype(float), drift, family), v_des)
+    for rows in (
+        BarrierRows(np.repeat(h, 2)[::2], jac.astype(float), drift, family),
+        BarrierRows(h, np.asfortranarray(jac, dtype=float), np.broadcast_to(0.0, (n,)), family),
+        BarrierRows(h, jac, drift.astype(np.float32), family),
+    ):
+        result = filter_of(n, nv, name).apply(rows, v_des)
+        assert result.status == expected.status
+        np.testing.assert_allclose(result.v, expected.v, rtol=0, atol=1e-9)
+
+
+def test_a_lost_row_that_nothing_moves_has_no_say_in_how_the_others_are_left() -> None:
+    rng = np.random.default_rng(32)
+    for _ in range(20):
+        jac, h = rng.normal(size=(4, 5)), rng.uniform(-0.05, -0.01, 4)
+        with_it, without = filter_of(5, 5), filter_of(4, 5)
+        for _ in range(5):
+            v_des = rng.normal(scale=3.0, size=5)
+            one = with_it.apply(rows_of(np.append(h, -5e-5), np.vstack([jac, np.zeros(5)])), v_des)
+            two = without.apply(rows_of(h, jac), v_des)
+            np.testing.assert_allclose(one.v, two.v, rtol=0, atol=1e-6)

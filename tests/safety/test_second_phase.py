@@ -117,11 +117,31 @@ def test_what_violated_rows_fix_is_numpys() -> None:
     A, short = rng.normal(size=(30, NV)), rng.normal(size=30)
     lower, upper, out = np.full(NV, -1.0), np.full(NV, 1.0), np.zeros((NV, NV))
     v = np.where(np.arange(NV) % 3 == 0, 0.2, np.where(np.arange(NV) % 3 == 1, -1.0, 1.0))
-    held = fixed_by(A, short, v, lower, upper, out)
+    held = fixed_by(A, short, v, lower, upper, 0.0, out)
     violated = A[short > 0]
     np.testing.assert_allclose(np.triu(out), np.triu(violated.T @ violated), rtol=0, atol=1e-12)
     pull = np.maximum(short, 0.0) @ A
     np.testing.assert_array_equal(held, ((v == 1.0) & (pull > 0)) | ((v == -1.0) & (pull < 0)))
     # a row that is short of what rounding and the pull to the nominal input may leave fixes nothing
-    assert not fixed_by(A, np.full(30, 1e-6), v, lower, upper, out).any()
+    assert not fixed_by(A, np.full(30, 1e-6), v, lower, upper, 0.0, out).any()
     assert not out.any()
+    # nor what pulls no harder than the first phase pulls to the nominal input
+    hard = np.linalg.norm(A, axis=1) * np.maximum(short, 0.0)
+    fixed_by(A, short, v, lower, upper, float(np.median(hard[short > 0])), out)
+    strong = A[hard > np.median(hard[short > 0])]
+    np.testing.assert_allclose(np.triu(out), np.triu(strong.T @ strong), rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("lever", [1e-3, 3e-3, 1e-2])
+def test_a_row_that_only_the_pull_to_the_nominal_input_leaves_short_fixes_nothing(lever: float) -> None:
+    """It could hold: the first phase lacks a thousandth of it, for the nominal input's sake, and no other reason."""
+    A, b = np.array([[1.0, 0.0], [-1.0, 0.0], [0.0, lever]]), np.array([0.5, 0.5, 3.5 * lever])
+    limit, v_des = np.full(2, 10.0), np.array([6.0, 1.0])
+    given = Problem(HalfSpaces(A, b, np.ones(3, dtype=bool)), v_des, np.eye(2) + 1e3, -limit, limit, A @ v_des < b)
+    soft, centre = (A, b, np.ones(3)), given.clipped()
+    search = LeastSlack(2, 3)
+    _, v = search.solve(PULL * np.eye(2), -PULL * centre, soft, np.zeros((0, 2)), -limit, limit, centre)
+    found = SecondPhase(2, 3).solve(given, A, search.short, v)
+    assert found is not None
+    # along (0, 1), free above 3.5, the metric has the sum of both at the nominal 7
+    np.testing.assert_allclose(found, [0.0, 6.994], rtol=0, atol=1e-3)

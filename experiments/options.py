@@ -40,7 +40,8 @@ class FilterOptions:
     """Safety filter: none, cbf, issf, ecbf, ssa, rssa, pssa, sss, pfm or sma (docs/safety.md)."""
     alpha: float | None = None
     """Slope of the self-collision condition of arms, torso and head; the robot's own tuning if not given. The other
-    families (legs, joint limits, obstacles, workspace) are set in the description's [tuning.safety] [1/s]."""
+    families (legs, joint limits, obstacles, workspace) are set in the description's [tuning.safety], with cbf in its
+    [tuning.cbf] [1/s]."""
     epsilon: float | None = None
     """ISSf parameter of the same condition, smaller is more cautious; the robot's own tuning if not given. The other
     families are set in the description's [tuning.safety] [m s/rad^2]."""
@@ -48,7 +49,8 @@ class FilterOptions:
     """Depth inside the margin over which SSA, r-SSA, p-SSA and SSS become active, all families; 0 for the papers'
     switch at the margin; the robot's own tuning if not given [m, rad]."""
     tuning: Path | None = None
-    """File of parameters for any of the families, as `safewbc tune` writes it; --alpha and --epsilon come before it."""
+    """File of parameters for any of the families, as `safewbc tune` writes it, for ISSf; --alpha and --epsilon come
+    before it. With cbf it takes the place of [tuning.cbf] too."""
     adaptive: bool = False
     """Only with issf: make epsilon of a row smaller while a disturbance is seen to push it in (docs/safety.md)."""
 

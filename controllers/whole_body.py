@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import pairwise
 
 import numpy as np
 
@@ -176,29 +175,29 @@ class WholeBodyController:
         """
         if not all_finite(state.q, state.v):
             raise ValueError("measured state is not finite")
-        marks = [self._clock()]
-        kin, dt = self.kin, self.config.dt
+        kin, dt, clock, marks = self.kin, self.config.dt, self._clock, np.empty(len(STAGES) + 1)
+        marks[0] = clock()
         kin.update(state.q, state.v)
         if self.config.without_drift:
             kin.update_drift()
-        marks.append(self._clock())
+        marks[1] = clock()
         self._tasks.set_references(reference)
         levels = self.kinwbc.evaluate(kin)
-        marks.append(self._clock())
+        marks[2] = clock()
         v_des = self.kinwbc.solve(levels)
-        marks.append(self._clock())
+        marks[3] = clock()
         rows = self._barrier_rows(obstacles)
-        marks.append(self._clock())
+        marks[4] = clock()
         safety = self._filter_velocity(rows, v_des, levels, reference.in_contact, state.v)
-        marks.append(self._clock())
+        marks[5] = clock()
         problem, spaces = self._dynamic_problem(state, reference, rows, safety.v)
-        marks.append(self._clock())
+        marks[6] = clock()
         dynamic = self.dynwbc.solve(problem)
         if self.acceleration_filter is not None and spaces is not None:
             safety = self.acceleration_filter.result(self.dynwbc, spaces, dynamic, state.v, dt)
-        marks.append(self._clock())
+        marks[7] = clock()
         command = self._command(state, safety.v, self._feed_forward(dynamic, reference.in_contact))
-        return TickResult(command, v_des, safety, dynamic, np.array([b - a for a, b in pairwise(marks)]))
+        return TickResult(command, v_des, safety, dynamic, marks[1:] - marks[:-1])
 
     def _dynamic_problem(
         self, state: RobotState, reference: WholeBodyReference, rows: BarrierRows, v_safe: Array

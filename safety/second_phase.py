@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import types
 
-from robots.kernel_types import MATRIX, ORDER_FREE, OUT_ROWS, VECTOR, njit
+from robots.kernel_types import MATRIX, ORDER_FREE, OUT_ROWS, TYPES, VECTOR, njit
 from robots.messages import Array, Indices, Mask
 from safety.working_set import NOT_WANTED, Problem
 from wbc.active_set import OPTIMAL, search
@@ -37,13 +37,15 @@ PULLED = 1e-4
 
 
 @njit(
-    types.boolean[::1](MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT_ROWS),
+    TYPES.Tuple((types.boolean[::1], types.int64))(MATRIX, VECTOR, VECTOR, VECTOR, VECTOR, types.float64, OUT_ROWS),
     cache=True,
     error_model="numpy",
     fastmath=ORDER_FREE,
 )
-def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, least: float, curvature: Array) -> Mask:
-    """Which variables (nv,) violated rows, weighted by what they are short of, hold at a bound.
+def fixed_by(
+    A: Array, short: Array, v: Array, lower: Array, upper: Array, least: float, curvature: Array
+) -> tuple[Mask, int]:
+    """Variables (nv,) that violated rows, weighted by what they are short of, hold at a bound; how many rows these are.
 
     Rows and bounds that pull with less than ``least`` do not count. Writes the sum of A_i^T A_i over (a sample of)
     these rows, the upper triangle of (nv, nv).
@@ -77,7 +79,7 @@ def fixed_by(A: Array, short: Array, v: Array, lower: Array, upper: Array, least
         enough = max(PULLED * size[k], least)
         up, down = pull[k] > enough, -pull[k] > enough
         held[k] = (up and v[k] >= upper[k]) or (down and v[k] <= lower[k])
-    return held
+    return held, counts.sum()
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -159,16 +161,17 @@ class SecondPhase:
     Source: eq. (13) of the p-SSA paper. What the first phase found, :math:`v^*`, meets all of this. At the least sum of
     squares :math:`\sum_i s^*_i A_i` is zero but for bounds that v is pulled against, so no violated row and none of
     these bounds has room on either side: every allowed v differs from :math:`v^*` by a move along which all of them
-    stay where they are. Such moves have a basis N (:func:`directions_left`) that is a fraction as wide as v, often
-    empty, and the search is for z with :math:`v = v^* + N z`. All conditions stay in it, so whatever rounding made of N
-    none is violated by more than ``ROUNDING`` beyond the first phase's; a direction taken for fixed that is not costs
-    distance to the nominal input alone.
+    stay where they are. Such moves have a basis N (:func:`directions_left`). Where it has at most half as many columns
+    as v has entries, it is often empty, the search is for z with :math:`v = v^* + N z`; otherwise for v itself. All
+    conditions stay in it, so whatever rounding made of N none is violated by more than ``ROUNDING`` beyond the first
+    phase's; a direction taken for fixed that is not costs distance to the nominal input alone.
     """
 
     def __init__(self, nv: int, n_rows: int, rounds: int = ROUNDS) -> None:
         """For ``nv`` variables and ``n_rows`` rows; ``rounds``: budget of the search."""
         self._rounds = rounds
         self._softness = np.zeros(2 * nv + n_rows)
+        self._low, self._high = np.full(2 * nv + n_rows, -UNBOUNDED), np.full(2 * nv + n_rows, UNBOUNDED)
         self._last, self._curvature = np.zeros(0, dtype=np.int64), np.zeros((nv, nv))
 
     def solve(self, problem: Problem, A: Array, short: Array, v: Array) -> Array | None:
@@ -182,21 +185,39 @@ class SecondPhase:
         """
         lower, upper = problem.lower, problem.upper
         least = CLEARLY * SLACK_PULL * float(np.abs(v - problem.clipped()).max(initial=0.0))
-        basis = directions_left(self._curvature, fixed_by(A, short, v, lower, upper, least, self._curvature))
+        nv = v.size
+        # before these there are unbounded variables, as many as a basis has columns at most
+        np.subtract(lower, v, out=self._low[nv : 2 * nv])
+        np.subtract(upper, v, out=self._high[nv : 2 * nv])
+        self._low[2 * nv :] = np.where(short > 0.0, -ROUNDING, short)
+        held, count = fixed_by(A, short, v, lower, upper, least, self._curvature)
+        if 2 * (count + np.count_nonzero(held)) > v.size:
+            basis = directions_left(self._curvature, held)
+            if 2 * basis.shape[1] <= v.size:
+                return self._along(problem, A, v, basis)
+        gradient = problem.hessian @ (v - problem.v_des)
+        move = self._search(problem.hessian, gradient, A, 0)
+        return None if move is None else np.minimum(np.maximum(v + move, lower), upper)
+
+    def _along(self, problem: Problem, A: Array, v: Array, basis: Array) -> Array | None:
+        """The same, moving along a basis (nv, r) only."""
         r = basis.shape[1]
         if r == 0:
             return v.copy()
-        low = np.concatenate([np.full(r, -UNBOUNDED), lower - v, np.where(short > 0.0, -ROUNDING, short)])
-        high = np.concatenate([np.full(r, UNBOUNDED), upper - v, np.full(short.size, UNBOUNDED)])
         pulled = problem.hessian @ basis
         hessian, gradient = basis.T @ pulled, pulled.T @ (v - problem.v_des)
-        guess, z = np.zeros(r + 1, dtype=np.int64), np.empty(r)
-        last = self._last[:r]
-        guess[: last.size] = last + r * np.sign(last)
-        softness = self._softness[: low.size]
-        outcome, _ = search(hessian, gradient, along(basis, A), low, high, softness, guess, self._rounds, z, NOT_WANTED)
-        found = guess[np.abs(guess) > r]
-        self._last = found - r * np.sign(found)
-        if outcome != OPTIMAL:
-            return None
-        return np.minimum(np.maximum(v + basis @ z, lower), upper)
+        z = self._search(hessian, gradient, along(basis, A), r)
+        return None if z is None else np.minimum(np.maximum(v + basis @ z, problem.lower), problem.upper)
+
+    def _search(self, hessian: Array, gradient: Array, rows: Array, added: int) -> Array | None:
+        """The optimum, from the limits that were active last time; ``added`` variables come before these in number."""
+        n = gradient.size
+        guess, x = np.zeros(n + 1, dtype=np.int64), np.empty(n)
+        last = self._last[:n]
+        guess[: last.size] = last + added * np.sign(last)
+        first = self._low.size - n - rows.shape[0]
+        low, high, softness = self._low[first:], self._high[first:], self._softness[first:]
+        outcome, _ = search(hessian, gradient, rows, low, high, softness, guess, self._rounds, x, NOT_WANTED)
+        found = guess[np.abs(guess) > added]
+        self._last = found - added * np.sign(found)
+        return x if outcome == OPTIMAL else None

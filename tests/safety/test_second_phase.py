@@ -117,13 +117,16 @@ def test_what_violated_rows_fix_is_numpys() -> None:
     A, short = rng.normal(size=(30, NV)), rng.normal(size=30)
     lower, upper, out = np.full(NV, -1.0), np.full(NV, 1.0), np.zeros((NV, NV))
     v = np.where(np.arange(NV) % 3 == 0, 0.2, np.where(np.arange(NV) % 3 == 1, -1.0, 1.0))
-    held = fixed_by(A, short, v, lower, upper, 0.0, out)
+    held, count = fixed_by(A, short, v, lower, upper, 0.0, out)
     violated = A[short > 0]
+    assert count == len(violated)
     np.testing.assert_allclose(np.triu(out), np.triu(violated.T @ violated), rtol=0, atol=1e-12)
     pull = np.maximum(short, 0.0) @ A
     np.testing.assert_array_equal(held, ((v == 1.0) & (pull > 0)) | ((v == -1.0) & (pull < 0)))
     # a row that is short of what rounding and the pull to the nominal input may leave fixes nothing
-    assert not fixed_by(A, np.full(30, 1e-6), v, lower, upper, 0.0, out).any()
+    held, count = fixed_by(A, np.full(30, 1e-6), v, lower, upper, 0.0, out)
+    assert not held.any()
+    assert count == 0
     assert not out.any()
     # nor what pulls no harder than the first phase pulls to the nominal input
     hard = np.linalg.norm(A, axis=1) * np.maximum(short, 0.0)

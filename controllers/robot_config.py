@@ -70,8 +70,12 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
     }
     base = from_table(ControllerConfig, robot, "controller", tuple(parts))
     alone = _with_families(robot, "cbf", parts["safety"])
-    if changes.get("filter", base.filter) == "cbf":
+    name = changes.get("filter", base.filter)
+    if name == "cbf":
         parts["safety"] = alone
+    if name != "issf":
+        # what the description says of epsilon is of no other filter
+        parts["adaptive"] = False
     return dataclasses.replace(base, **(parts | changes))
 
 
@@ -113,7 +117,7 @@ def _family_from(robot: RobotDescription, table: str, default: FamilyParameters,
     try:
         return dataclasses.replace(default, **values)
     except ConfigError as error:
-        raise ConfigError(f"{table}.{error.name}", error.value, error.allowed) from error
+        raise ConfigError(f"{robot.file}: tuning.{table}.{error.name}", error.value, error.allowed) from error
 
 
 def _require_known(robot: RobotDescription, table: str, values: object, known: Iterable[str]) -> None:

@@ -78,7 +78,9 @@ def read_tuning(path: Path, robot: str) -> Tuning:
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
+    except OSError as error:
+        raise ConfigError("tuning", str(path), f"a file that can be read ({error.strerror})") from error
+    except ValueError as error:
         raise ConfigError("tuning", str(path), f"a TOML file with tables [safety.<family>] ({error})") from error
     if unknown := sorted(set(tables) - set(TABLES)):
         raise ConfigError(f"{path}: tables", unknown, "among " + ", ".join(TABLES))

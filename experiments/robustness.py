@@ -245,6 +245,9 @@ def check_robustness(options: RobustnessOptions) -> list[RobotDescription]:
             if parameters in {"before", "adaptive"}:
                 require_one_of(f"robot of the parameters '{parameters}'", robot.name, tuple(BEFORE))
             elif parameters not in {"own", "own-adaptive"}:
+                if not Path(parameters).is_file():
+                    allowed = "own, own-adaptive, before, adaptive, or a file as `safewbc tune` writes it"
+                    raise ConfigError("parameters", parameters, allowed)
                 read_tuning(Path(parameters), robot.name)
     return robots
 

@@ -77,7 +77,8 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
         ConfigError: alpha or epsilon is not positive and finite, the layer not 0 or above, or the file of parameters
             not as it should be.
     """
-    safety = controller_config(robot, filter=options.filter).safety
+    base = controller_config(robot, filter=options.filter)
+    safety = base.safety
     if options.tuning is not None:
         safety = read_tuning(options.tuning, robot.name).applied(safety)
     if options.layer is not None:
@@ -87,7 +88,7 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     pairs = dataclasses.replace(safety.self_collision, **given)
     return {
         "filter": options.filter,
-        "adaptive": options.adaptive,
+        "adaptive": options.adaptive or base.adaptive,
         "safety": dataclasses.replace(safety, self_collision=pairs),
     }
 

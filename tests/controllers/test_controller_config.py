@@ -9,6 +9,8 @@ import pytest
 from controllers.config import ContactTuning, ControllerConfig, FilterTuning, TaskTuning
 from controllers.motions import circle_settings
 from controllers.robot_config import controller_config
+from experiments.options import FilterOptions
+from experiments.session import filter_changes
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
@@ -130,6 +132,17 @@ def test_a_cbf_may_have_parameters_of_its_own_on_top_of_those_of_all_filters() -
         controller_config(with_tuning(cbf={"obstacle": {"alpha": -1.0}}))
     with pytest.raises(DescriptionError, match=r"tuning\.cbf\.obstacle.*beta.*alpha"):
         controller_config(with_tuning(cbf={"obstacle": {"beta": 1.0}}))
+
+
+def test_an_epsilon_that_the_description_adapts_is_one_of_issf_alone() -> None:
+    robot = with_tuning(controller={"adaptive": True})
+    assert controller_config(robot).adaptive
+    assert not controller_config(robot, filter="cbf").adaptive
+    assert filter_changes(robot, FilterOptions())["adaptive"]
+    assert not filter_changes(robot, FilterOptions(filter="ssa"))["adaptive"]
+    assert not filter_changes(with_tuning(), FilterOptions())["adaptive"]
+    with pytest.raises(ConfigError, match="adaptive"):
+        controller_config(robot, filter="cbf", adaptive=True)
 
 
 def test_bad_values_in_a_description_are_refused() -> None:

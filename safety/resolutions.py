@@ -119,7 +119,8 @@ class NearestQp:
         if lost.size:
             b = b.copy()
             b[lost] = -UNBOUNDED
-        proved, v = self._soft.begin(problem, self._pull, problem.clipped(), (A, b, self._weights))
+        soft = A, b, self._weights
+        proved, v = self._soft.solve(problem, self._pull, problem.clipped(), soft, direct=True)
         short = self._soft.short
         certain = least_shortfall(A, b, *bounds, short) > CERTAIN
         if not certain and (lost.size or hard is None):
@@ -153,7 +154,13 @@ class Compromise:
         self.short = self._search.short
 
     def solve(
-        self, problem: Problem, hessian: Array, centre: Array, soft: tuple[Array, Array, Array]
+        self,
+        problem: Problem,
+        hessian: Array,
+        centre: Array,
+        soft: tuple[Array, Array, Array],
+        *,
+        direct: bool = False,
     ) -> tuple[bool, Array]:
         """Whether the optimum was proved, and the input (nv,), new.
 
@@ -162,24 +169,19 @@ class Compromise:
             hessian: shape (nv, nv), metric of half the squared distance to ``centre``.
             centre: shape (nv,).
             soft: rows (n_rows, nv), their right-hand sides and the weights of half their squared violation.
+            direct: whether to make a few steps only; where they prove no optimum, :meth:`go_on` looks further.
         """
-        proved, v = self.begin(problem, hessian, centre, soft)
-        return (proved, v) if proved else self.go_on()
-
-    def begin(
-        self, problem: Problem, hessian: Array, centre: Array, soft: tuple[Array, Array, Array]
-    ) -> tuple[bool, Array]:
-        """The same after a few steps; where that is no proved optimum, :meth:`go_on` looks further."""
-        lower, upper = problem.lower, problem.upper
+        lower, upper = self._bounds = problem.lower, problem.upper
         start = np.minimum(np.maximum(self._last, lower), upper)
         if not all_finite(start):
             start = problem.clipped()
-        outcome, v = self._search.begin(hessian, -(hessian @ centre), soft, self._no_rows, lower, upper, start)
-        self._bounds = lower, upper
-        return self._kept(outcome, v)
+        gradient = -(hessian @ centre)
+        return self._kept(
+            *self._search.solve(hessian, gradient, soft, self._no_rows, lower, upper, start, direct=direct)
+        )
 
     def go_on(self) -> tuple[bool, Array]:
-        """The rest of :meth:`solve`, for the problem that :meth:`begin` was given."""
+        """The rest of :meth:`solve`, for the problem that it was given last."""
         return self._kept(*self._search.go_on())
 
     def _kept(self, outcome: int, v: Array) -> tuple[bool, Array]:

@@ -48,6 +48,8 @@ class LeastSlack:
         upper: Array,
         start: Array,
         guess: Indices | None = None,
+        *,
+        direct: bool = False,
     ) -> tuple[int, Array]:
         """Outcome and x (n,), new.
 
@@ -60,22 +62,8 @@ class LeastSlack:
             upper: shape (n + m,).
             start: shape (n,) a point that meets the limits.
             guess: limits active there, as :func:`wbc.active_set.search` has them; ``None`` for those of last time.
+            direct: whether to make the first ``DIRECT`` steps only; :meth:`go_on` makes the rest.
         """
-        outcome, x = self.begin(hessian, gradient, soft, rows, lower, upper, start, guess)
-        return (outcome, x) if outcome == OPTIMAL else self.go_on()
-
-    def begin(
-        self,
-        hessian: Array,
-        gradient: Array,
-        soft: tuple[Array, Array, Array],
-        rows: Array,
-        lower: Array,
-        upper: Array,
-        start: Array,
-        guess: Indices | None = None,
-    ) -> tuple[int, Array]:
-        """The first ``DIRECT`` steps of :meth:`solve`; where they have not found the optimum, :meth:`go_on` does."""
         if guess is not None:
             self._guess[:] = guess
         self.steps = self.rounds = 0
@@ -83,10 +71,10 @@ class LeastSlack:
             part.fill(0)
         self._cost, self._soft, self._limits = (hessian, gradient), soft, (rows, lower, upper)
         outcome, self._best = self._descend(1.0, start, min(DIRECT, self._steps))
-        return outcome, self._best
+        return (outcome, self._best) if direct or outcome == OPTIMAL else self.go_on()
 
     def go_on(self) -> tuple[int, Array]:
-        """The rest of :meth:`solve`, for the problem that :meth:`begin` was given and from where that has ended."""
+        """The rest of :meth:`solve`, for the problem that it was given last and from where it has ended."""
         outcome, best, x = SPENT, self._best, self._best
         best_short, least = self.short.copy(), self._value(best)
         for stage in STAGES:

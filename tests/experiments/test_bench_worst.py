@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 
 from controllers.reference import reference_here
+from experiments import bench_worst as bench_worst_module
 from experiments.bench_rows import LOCKED, SIZES, cases, with_fewer_joints, with_spheres
-from experiments.bench_worst import STATUSES, Collections, Times, bench_worst, longest_run, play
+from experiments.bench_worst import STATUSES, Collections, Log, Times, bench_worst, longest_run, play
 from experiments.options import BenchOptions
 from experiments.worst_course import Course, Start, nearest_bodies
 from experiments.worst_scenes import SCENES, TARGET_JUMP, TARGET_TICKS, Adversary, Scene
@@ -247,13 +248,32 @@ def test_every_tick_is_counted_once_and_memory_stays(g1: RobotDescription) -> No
     assert set(figures.stages_ms) >= {"rows", "safety_qp", "supervisor"}
 
 
-def test_of_each_tick_the_shorter_one_of_its_plays_is_its_own(g1: RobotDescription) -> None:
+def test_of_each_tick_the_shorter_one_of_its_plays_is_its_own(
+    g1: RobotDescription, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plays = [np.array([1.0, 5.0, 3.0]), np.array([2.0, 4.0, 3.5])]
+
+    def played_in(course: Course, ticks: int) -> tuple[Log, float, int, int]:
+        log = Log(ticks)
+        log.cpu, log.kept = 1e-3 * plays.pop(0), np.zeros(ticks)
+        return log, 0.0, 0, 0
+
     scene = BY_NAME["boxes jump"]
-    figures = play([Course(g1, UNFILTERED, scene) for _ in range(2)], 60)
-    assert figures.own.max_ms <= figures.cpu.max_ms
-    assert figures.own.median_ms <= figures.cpu.median_ms
+    courses = [Course(g1, UNFILTERED, scene) for _ in range(2)]
+    with monkeypatch.context() as patched:
+        patched.setattr(bench_worst_module, "_play_once", played_in)
+        figures = play(courses, 3)
+    assert (figures.cpu.max_ms, figures.cpu.median_ms, figures.cpu.late) == (5.0, 3.0, 2)
+    assert (figures.own.max_ms, figures.own.median_ms, figures.own.late) == (4.0, 3.0, 2)
     with pytest.raises(RuntimeError, match="boxes jump"):
         play([Course(g1, replace(UNFILTERED, filter=name), scene) for name in ("none", "issf")], 60)
+
+
+def test_what_is_there_before_the_ticks_is_out_of_the_collectors_sight_until_they_end() -> None:
+    assert gc.get_freeze_count() == 0
+    with Collections():
+        assert gc.get_freeze_count() > 1000
+    assert gc.get_freeze_count() == 0
 
 
 def test_a_stopped_robot_is_put_back(g1: RobotDescription) -> None:

@@ -327,3 +327,17 @@ def test_a_lost_row_that_nothing_moves_has_no_say_in_how_the_others_are_left() -
             one = with_it.apply(rows_of(np.append(h, -5e-5), np.vstack([jac, np.zeros(5)])), v_des)
             two = without.apply(rows_of(h, jac), v_des)
             np.testing.assert_allclose(one.v, two.v, rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["cbf", "sss"])
+def test_a_lost_row_is_left_though_rows_that_hold_contradict_each_other(name: str) -> None:
+    """Two obstacles come from both sides, where nothing can be done; the row that is lost has another direction."""
+    jac = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+    safety, drift = filter_of(3, 3, name), np.array([-0.15, -0.15, 0.0])
+    rates = []
+    for _ in range(200):
+        result = safety.apply(rows_of(np.array([1e-3, 1e-3, -0.06]), jac, drift), np.zeros(3))
+        assert result.status == FilterStatus.RELAXED
+        rates.append(result.v[1])
+    assert np.diff(rates).max() <= ACCELERATION * DT + 1e-6
+    assert rates[-1] > 0.9 * SPEED

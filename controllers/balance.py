@@ -1,6 +1,7 @@
 """Feedback of the divergent component of motion: where the ZMP has to be, and what the CoM then does."""
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -22,15 +23,17 @@ def zmp_command(dcm: Array, reference: DcmReference, gain: float) -> Array:
         reference: of the same instant.
         gain: k, above 0 [1/s].
     """
-    command: Array = dcm - reference.velocity / reference.omega + (gain / reference.omega) * (dcm - reference.position)
-    return command
+    # plain floats, here and below: this is asked in every tick, and numpy's calls would cost more than the sums
+    (x, y), (px, py), (vx, vy) = dcm.tolist(), reference.position.tolist(), reference.velocity.tolist()
+    omega, k = reference.omega, gain / reference.omega
+    return np.array([x - vx / omega + k * (x - px), y - vy / omega + k * (y - py)])
 
 
 def clip_to_support(
     point: Array,
-    centres: Array,
-    yaws: Array,
-    half_sizes: Array,
+    centres: Sequence[Sequence[float]],
+    yaws: Sequence[float],
+    half_sizes: Sequence[Sequence[float]],
     in_contact: Mask,
     load_limits: Array | None = None,
 ) -> Array:
@@ -41,9 +44,9 @@ def clip_to_support(
 
     Args:
         point: [m].
-        centres: shape (2, 2) of left and right sole [m].
-        yaws: shape (2,) their directions [rad].
-        half_sizes: shape (2, 2) half length and half width of each [m].
+        centres: x and y of left and right sole [m].
+        yaws: their directions [rad].
+        half_sizes: half length and half width of each [m].
         in_contact: shape (2,) which of them stand; with none the point is returned as it is.
         load_limits: shape (2,) largest share of the weight on each, 1 together at least; between two feet the ZMP's
             place on the line decides the shares.
@@ -51,22 +54,21 @@ def clip_to_support(
     Returns:
         New array (2,) [m].
     """
-    # plain floats: this is asked in every tick, and numpy's calls would cost more than the sums
     standing = [i for i in (0, 1) if in_contact[i]]
     if not standing:
         return point.copy()
-    x, y = float(point[0]), float(point[1])
+    x, y = point.tolist()
     foot = standing[0]
-    (cx, cy), yaw, (length, width) = centres[foot].tolist(), float(yaws[foot]), half_sizes[foot].tolist()
+    (cx, cy), yaw, (length, width) = centres[foot], yaws[foot], half_sizes[foot]
     if len(standing) == 2:
-        dx, dy = float(centres[1, 0]) - cx, float(centres[1, 1]) - cy
+        dx, dy = centres[1][0] - cx, centres[1][1] - cy
         squared = dx * dx + dy * dy
         least, most = (0.0, 1.0) if load_limits is None else (1.0 - float(load_limits[0]), float(load_limits[1]))
         share = 0.5 if squared < 1e-12 else ((x - cx) * dx + (y - cy) * dy) / squared
         share = min(max(share, 0.0, least), 1.0, most)
         cx, cy = cx + share * dx, cy + share * dy
-        yaw += share * math.remainder(float(yaws[1]) - yaw, math.tau)
-        length, width = min(length, float(half_sizes[1, 0])), min(width, float(half_sizes[1, 1]))
+        yaw += share * math.remainder(yaws[1] - yaw, math.tau)
+        length, width = min(length, half_sizes[1][0]), min(width, half_sizes[1][1])
     c, s = math.cos(yaw), math.sin(yaw)
     forward, left = c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)
     forward, left = min(max(forward, -length), length), min(max(left, -width), width)

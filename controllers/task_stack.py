@@ -44,7 +44,7 @@ class TaskStack:
             with_hands: whether the hands are tasks.
             half_sizes: shape (2, 2) half length and half width of each sole that the ZMP may use [m].
         """
-        self._kin, self._config, self._half_sizes = kin, config, half_sizes
+        self._kin, self._config, self._half_sizes = kin, config, half_sizes.tolist()
         self.with_hands = with_hands
         t, roles = config.tasks, kin.robot.roles
         rate = config.dynwbc.kd + config.dynwbc.kp * config.dt
@@ -103,14 +103,13 @@ class TaskStack:
         if dcm is None:
             return
         kin, gains = self._kin, self._config.dynwbc
-        measured = kin.com[:2] + kin.com_velocity[:2] / dcm.omega
-        zmp = zmp_command(measured, dcm, self._config.balance.dcm_gain)
-        centres = np.array([p.position[:2] for p in reference.soles])
-        yaws = np.array([math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations])
+        zmp = zmp_command(kin.com[:2] + kin.com_velocity[:2] / dcm.omega, dcm, self._config.balance.dcm_gain)
+        centres = [p.position[:2].tolist() for p in reference.soles]
+        yaws = [math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations]
         zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
-        task.position, task.velocity = point.position.copy(), point.velocity.copy()
-        task.acceleration = point.acceleration.copy()
+        (x, y, _), (vx, vy, _), squared = kin.com.tolist(), kin.com_velocity.tolist(), dcm.omega**2
         # eq. (15) turns this velocity into exactly the acceleration of the pendulum
-        task.position[:2] = kin.com[:2]
-        task.velocity[:2] = (gains.kd / (gains.kd + gains.kp * self._config.dt)) * kin.com_velocity[:2]
-        task.acceleration[:2] = dcm.omega**2 * (kin.com[:2] - zmp)
+        share = gains.kd / (gains.kd + gains.kp * self._config.dt)
+        task.position = np.array([x, y, point.position[2]])
+        task.velocity = np.array([share * vx, share * vy, point.velocity[2]])
+        task.acceleration = np.array([squared * (x - zmp[0]), squared * (y - zmp[1]), point.acceleration[2]])

@@ -251,7 +251,8 @@ class Walking:
         planned = self._planned_dcm(elapsed).position
         if math.hypot(feet.dcm[0] - planned[0], feet.dcm[1] - planned[1]) < self._tuning.catch_error:
             return False
-        near = clip_to_support(feet.dcm, feet.centres, feet.yaws, self._room, np.array([True, True]))
+        both, (centres, yaws) = np.array([True, True]), (feet.centres.tolist(), feet.yaws.tolist())
+        near = clip_to_support(feet.dcm, centres, yaws, self._room.tolist(), both)
         return math.hypot(near[0] - feet.dcm[0], near[1] - feet.dcm[1]) > 1e-9
 
     def _planned_dcm(self, elapsed: float) -> DcmReference:

@@ -276,7 +276,8 @@ class WholeBodyController:
         All of a foot on the ground. Of a foot in the air its orientation: turned by its ankle out of another leg's way,
         it would come down on its edge. Its position by a weight of its own.
         """
-        if in_contact.all():
+        left, right = in_contact.tolist()
+        if left and right:
             return feet
         kept = feet.copy()
         for foot, standing in enumerate(in_contact):

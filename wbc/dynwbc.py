@@ -11,7 +11,7 @@ from robots.checks import require_non_negative, require_positive
 from robots.kinematics import Kinematics
 from robots.messages import Array, Indices, Mask
 from wbc.contact import SoleContact
-from wbc.kernels import eliminate_base, local_jacobians, torque_cost
+from wbc.kernels import eliminate_base, local_jacobians, motion_and_torques, torque_cost
 from wbc.qp import QpStatus
 from wbc.torque_qp import DynWbcProblem, TorqueQp
 from wbc.wrench import GRAVITY
@@ -206,37 +206,35 @@ class DynWbc:
             hessian,
             gradient,
         )
-        base_map, torque_map = (base[:, :-1], base[:, -1]), (torque[:, :-1], torque[:, -1])
         if w.contact > 0:
             contact_bias = None if contact_bias is None else contact_bias[qp.wrenches]
-            self._add_contact_term(hessian, gradient, base_map, jacobian, contact_bias)
-        lower, upper = qp.bounds(torque_map[1])
+            self._add_contact_term(hessian, gradient, base, jacobian, contact_bias)
+        lower, upper = qp.limits(torque)
         if load_limits is not None:
             for i, foot in enumerate(qp.feet):
-                if load_limits[foot] < 1.0:
-                    upper[nj + 6 * i + 2] = load_limits[foot] * load_scale * self._weight
+                if (limit := float(load_limits[foot])) < 1.0:
+                    upper[nj + 6 * i + 2] = limit * load_scale * self._weight
         if joint_bounds is not None:
             lower[:nj], upper[:nj] = joint_bounds
-        qp.write_torques(torque_map[0])
         count = 0 if conditions is None else len(conditions[1])
         if count != self._condition_count:
             raise ValueError(f"{count} conditions on the acceleration given, {self._condition_count} announced")
         if conditions is not None and count:
-            qp.write_conditions(*conditions, base_map, lower)
-        return DynWbcProblem(qp.feet, hessian, gradient, qp.rows, lower, upper, base_map, torque_map)
+            qp.write_conditions(*conditions, base, lower)
+        return DynWbcProblem(qp.feet, hessian, gradient, qp.rows, lower, upper, base, torque)
 
     def _add_contact_term(
         self,
         hessian: Array,
         gradient: Array,
-        base: tuple[Array, Array],
+        base: Array,
         jacobian: Array,
         contact_bias: Array | None,
     ) -> None:
         """Soft contact constraint: w_contact ||J_c q_dd + J_c_dot q_dot||^2."""
-        motion = jacobian[:, :6] @ base[0]
+        motion = jacobian[:, :6] @ base[:, :-1]
         motion[:, : self.nj] += jacobian[:, 6:]
-        offset = jacobian[:, :6] @ base[1] + (0.0 if contact_bias is None else contact_bias)
+        offset = jacobian[:, :6] @ base[:, -1] + (0.0 if contact_bias is None else contact_bias)
         hessian += self.weights.contact * (motion.T @ motion)
         gradient += self.weights.contact * (offset @ motion)
 
@@ -250,13 +248,11 @@ class DynWbc:
         solution, relaxed = qp.solve(problem)
         if solution.status != "optimal":
             return replace(self._last, status=solution.status, iterations=solution.iterations)
-        x = solution.x
-        base, base_0 = problem.base
-        torque, torque_0 = problem.torque
-        acceleration = np.concatenate([base @ x + base_0, x[: self.nj]])
-        wrench = np.zeros(self.nf)
+        x = np.ascontiguousarray(solution.x)
+        acceleration, torque, wrench = np.empty(self.nj + 6), np.empty(self.nj), np.zeros(self.nf)
+        motion_and_torques(problem.base, problem.torque, x, acceleration, torque)
         wrench[qp.wrenches] = x[self.nj :]
-        self._last = DynWbcResult(torque @ x + torque_0, acceleration, wrench, "optimal", solution.iterations, relaxed)
+        self._last = DynWbcResult(torque, acceleration, wrench, "optimal", solution.iterations, relaxed)
         return self._last
 
 

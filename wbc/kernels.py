@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import types
 
-from robots.kernel_types import COLUMNS, MATRIX, OUT, OUT_ROWS, PLACES, VECTOR, njit
+from robots.kernel_types import COLUMNS, MATRIX, ORDER_FREE, OUT, OUT_ROWS, PLACES, VECTOR, njit
 from robots.messages import Array, Indices
 
 
@@ -163,6 +163,51 @@ def torque_cost(
     for i in range(nx):
         for j in range(i):
             hessian[i, j] = hessian[j, i]
+
+
+@njit(types.void(MATRIX, types.int64, VECTOR, VECTOR, OUT_ROWS, OUT, OUT), cache=True)
+def limit_torques(
+    torque: Array, first: int, usual_lower: Array, usual_upper: Array, rows: Array, lower: Array, upper: Array
+) -> None:
+    """Write the torques' rows and all bounds of a problem.
+
+    Args:
+        torque: shape (nj, nx + 1) joint torques as :func:`eliminate_base` leaves them.
+        first: which of ``rows`` is that of the first torque.
+        usual_lower: shape (nx + m,) bounds of x, then of the rows, for torques that are 0 at x = 0.
+        usual_upper: likewise.
+        rows: shape (m, nx); those of the torques are written.
+        lower: shape (nx + m,), written.
+        upper: likewise.
+    """
+    nj, nx = torque.shape[0], rows.shape[1]
+    for i in range(lower.size):
+        lower[i], upper[i] = usual_lower[i], usual_upper[i]
+    for i in range(nj):
+        for j in range(nx):
+            rows[first + i, j] = torque[i, j]
+        lower[nx + first + i] -= torque[i, nx]
+        upper[nx + first + i] -= torque[i, nx]
+
+
+@njit(types.void(MATRIX, MATRIX, VECTOR, OUT, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
+def motion_and_torques(base: Array, torque: Array, x: Array, acceleration: Array, torques: Array) -> None:
+    """What x (nx,) stands for: writes ``acceleration`` (6 + nj,) and ``torques`` (nj,).
+
+    ``base`` (6, nx + 1) and ``torque`` (nj, nx + 1) as :func:`eliminate_base` leaves them.
+    """
+    nj, nx = torque.shape[0], x.size
+    for i in range(6):
+        total = base[i, nx]
+        for j in range(nx):
+            total += base[i, j] * x[j]
+        acceleration[i] = total
+    for i in range(nj):
+        acceleration[6 + i] = x[i]
+        total = torque[i, nx]
+        for j in range(nx):
+            total += torque[i, j] * x[j]
+        torques[i] = total
 
 
 @njit(types.void(MATRIX, PLACES, PLACES, COLUMNS, MATRIX, PLACES, OUT_ROWS), cache=True, error_model="numpy")

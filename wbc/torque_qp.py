@@ -8,6 +8,7 @@ import numpy as np
 from robots.messages import Array
 from wbc.active_set import OPTIMAL, active_limits
 from wbc.contact import SoleContact, wrench_cone
+from wbc.kernels import limit_torques
 from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED, QpSolution, make_solver
 
@@ -35,8 +36,8 @@ class DynWbcProblem:
             until the next problem with the same feet.
         lower: shape (nx + 16 c + nj + k,).
         upper: shape (nx + 16 c + nj + k,).
-        base: (6, nx) map and (6,) offset from x to the base's acceleration.
-        torque: (nj, nx) map and (nj,) offset from x to joint torques.
+        base: shape (6, nx + 1) map from x to the base's acceleration, in the last column its offset.
+        torque: shape (nj, nx + 1) likewise to the joint torques.
     """
 
     feet: tuple[int, ...]
@@ -45,8 +46,8 @@ class DynWbcProblem:
     rows: Array
     lower: Array
     upper: Array
-    base: tuple[Array, Array]
-    torque: tuple[Array, Array]
+    base: Array
+    torque: Array
 
 
 class TorqueQp:
@@ -95,24 +96,18 @@ class TorqueQp:
         self._lower = np.concatenate([-free, np.full(cones, -UNBOUNDED), -effort, -absent])
         self._upper = np.concatenate([free, np.zeros(cones), effort, absent])
 
-    def bounds(self, torque_0: Array) -> tuple[Array, Array]:
-        """New lower and upper bounds of a problem whose torques (nj,) at x = 0 are ``torque_0`` [N m]."""
-        lower, upper = self._lower.copy(), self._upper.copy()
-        torques = slice(self.nx + self._hard - self._nj, self.nx + self._hard)
-        lower[torques] -= torque_0
-        upper[torques] -= torque_0
+    def limits(self, torque: Array) -> tuple[Array, Array]:
+        """New lower and upper bounds of the problem with torques ``torque`` (nj, nx + 1), whose rows are written."""
+        lower, upper = np.empty(self._lower.size), np.empty(self._lower.size)
+        limit_torques(torque, self._hard - self._nj, self._lower, self._upper, self.rows, lower, upper)
         return lower, upper
 
-    def write_torques(self, torque_map: Array) -> None:
-        """Put the map (nj, nx) from x to the torques into the rows."""
-        self.rows[self._hard - self._nj : self._hard] = torque_map
-
-    def write_conditions(self, matrix: Array, bound: Array, base: tuple[Array, Array], lower: Array) -> None:
+    def write_conditions(self, matrix: Array, bound: Array, base: Array, lower: Array) -> None:
         """Put conditions ``matrix`` q_dd >= ``bound``, (k, nv) and (k,), into the rows and into ``lower``."""
         rows = self.rows[self._hard :]
-        np.matmul(matrix[:, :6], base[0], out=rows)
+        np.matmul(matrix[:, :6], base[:, :-1], out=rows)
         rows[:, : self._nj] += matrix[:, 6:]
-        lower[-self._count :] = bound - matrix[:, :6] @ base[1]
+        lower[-self._count :] = bound - matrix[:, :6] @ base[:, -1]
 
     def solve(self, problem: DynWbcProblem) -> tuple[QpSolution, bool]:
         """The optimum, and whether conditions had to be violated for it (by the least sum of squares)."""

@@ -349,8 +349,8 @@ def test_a_load_scale_is_a_model_with_all_masses_scaled(kin: Kinematics, scale: 
     dynwbc = controller(kin)
     problem = dynwbc.build(kin, rng.normal(size=kin.nv), weight_on_both(kin), BOTH, load_scale=scale)
     x = rng.normal(size=problem.gradient.size)
-    base = problem.base[0] @ x + problem.base[1]
-    torque = problem.torque[0] @ x + problem.torque[1]
+    base = problem.base @ np.append(x, 1.0)
+    torque = problem.torque @ np.append(x, 1.0)
     acceleration = np.concatenate([base, x[: dynwbc.nj]])
     forces = dynwbc.contact_jacobian(kin, BOTH).T @ x[dynwbc.nj :]
     left = scale * (kin.mass_matrix @ acceleration + kin.bias) - forces

@@ -287,8 +287,8 @@ def test_each_term_of_the_reduced_cost_is_that_of_the_paper(kin: Kinematics, sup
     hessian, gradient, constant = full_cost(case)
     gaps, sizes = [], []
     for x in rng.normal(size=(6, problem.gradient.size)) * 10.0:
-        base = problem.base[0] @ x + problem.base[1]
-        torque = problem.torque[0] @ x + problem.torque[1]
+        base = problem.base @ np.append(x, 1.0)
+        torque = problem.torque @ np.append(x, 1.0)
         full = np.concatenate([base, x[: kin.nv - 6], wrenches(case, x), torque])
         expected = 0.5 * full @ hessian @ full + gradient @ full + constant
         gaps.append(expected - (0.5 * x @ problem.hessian @ x + problem.gradient @ x))
@@ -304,7 +304,7 @@ def test_the_gradient_of_the_reduced_cost_is_that_of_the_energy_by_differences(k
     mass, _ = case.dynamics()
 
     def energy(x: Array) -> float:
-        acceleration = np.concatenate([problem.base[0] @ x + problem.base[1], x[: kin.nv - 6]])
+        acceleration = np.concatenate([problem.base @ np.append(x, 1.0), x[: kin.nv - 6]])
         return float(0.5 * acceleration @ mass @ acceleration)
 
     x = rng.normal(size=problem.gradient.size)
@@ -320,10 +320,31 @@ def test_the_maps_of_a_problem_are_the_equations_of_motion(kin: Kinematics, supp
     problem = build(case, controller(case))
     for x in rng.normal(size=(5, problem.gradient.size)) * 20.0:
         joints = x[: kin.nv - 6]
-        acceleration = np.concatenate([problem.base[0] @ x + problem.base[1], joints])
+        acceleration = np.concatenate([problem.base @ np.append(x, 1.0), joints])
         needed = pin.rnea(kin.model, kin.model.createData(), kin.q, kin.v, acceleration)
         needed -= case.jacobian().T @ wrenches(case, x)
         size = abs(needed).max()
         np.testing.assert_allclose(needed[:6], 0.0, rtol=0, atol=1e-10 * size)
-        np.testing.assert_allclose(problem.torque[0] @ x + problem.torque[1], needed[6:], rtol=0, atol=1e-10 * size)
-        np.testing.assert_array_equal(problem.rows[-(kin.nv - 6) :], problem.torque[0])
+        np.testing.assert_allclose(problem.torque @ np.append(x, 1.0), needed[6:], rtol=0, atol=1e-10 * size)
+        np.testing.assert_array_equal(problem.rows[-(kin.nv - 6) :], problem.torque[:, :-1])
+
+
+@pytest.mark.parametrize("support", SUPPORTS)
+def test_the_limits_and_the_answer_of_a_problem_are_what_its_maps_say(kin: Kinematics, support: str) -> None:
+    case = random_case(kin, np.random.default_rng(16), support, WEIGHTS["default"], 1.0)
+    dynwbc = controller(case)
+    problem = build(case, dynwbc)
+    effort, offset = kin.robot.joint_array("effort"), problem.torque[:, -1]
+    np.testing.assert_array_equal(problem.lower[-(kin.nv - 6) :], -effort - offset)
+    np.testing.assert_array_equal(problem.upper[-(kin.nv - 6) :], effort - offset)
+    result = dynwbc.solve(problem)
+    assert result.status == "optimal"
+    joints = result.acceleration[6:]
+    x = np.append(joints, np.concatenate([result.wrench[6 * foot : 6 * foot + 6] for foot in problem.feet] or [[]]))
+    for found, expected in (
+        (result.acceleration[:6], problem.base[:, :-1] @ x + problem.base[:, -1]),
+        (result.torque, problem.torque[:, :-1] @ x + offset),
+    ):
+        np.testing.assert_allclose(
+            found, expected, rtol=0, atol=1e-12 * (1.0 + abs(problem.torque).max() * abs(x).max())
+        )

@@ -6,7 +6,7 @@ import numpy as np
 
 from robots.checks import require_non_negative, require_one_of, require_positive
 from robots.messages import Array
-from safety.obstacles import Obstacle
+from safety.geometry.shapes import Obstacle
 from safety.tracking import ObstacleTrack, TrackerSettings
 
 VELOCITIES = ("estimated", "zero")

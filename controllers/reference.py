@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from controllers.lipm import DcmReference
+from controllers.balance.dcm_plan import DcmReference
 from robots.kinematics import Kinematics
 from robots.messages import Array, Mask
 
@@ -35,7 +35,7 @@ class WholeBodyReference:
         load_limits: shape (2,) largest share of the robot's weight that each foot may carry; 1 and above is no limit.
         turn_rate: rate at which base and torso turn about the vertical [rad/s].
         dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
-            feedback of :mod:`controllers.balance`, and ``com`` only gives the height.
+            feedback of :mod:`controllers.balance.dcm_feedback`, and ``com`` only gives the height.
         gait: whether a gait moves feet and CoM without giving a DCM; a stop then leaves it to bring them to rest.
     """
 

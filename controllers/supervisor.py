@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 
 from controllers.reference import WholeBodyReference
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body.controller import TickResult, WholeBodyController
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.messages import MotorCommand, RobotState
-from safety.filters import FilterStatus
-from safety.obstacles import Obstacle
+from safety.filters.safety_filter import FilterStatus
+from safety.geometry.shapes import Obstacle
 
 MAX_FAILURES = 10
 """Ticks in a row without an answer of filter or DynWBC, or without a new state, after which the robot is stopped."""

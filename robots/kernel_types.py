@@ -42,11 +42,11 @@ CACHE_PREFIX = "kernels-"
 def sources_digest(root: Path) -> str:
     """What tells one state of all kernels below ``root`` from another: their files, and constants of the others."""
     digest = hashlib.sha256()
-    for path in sorted(path for package in PACKAGES for path in (root / package).glob("*.py")):
+    for path in sorted(path for package in PACKAGES for path in (root / package).rglob("*.py")):
         text = path.read_bytes()
         if b"njit" not in text:
             text = b"\n".join(line for line in text.splitlines() if line[:1].isupper() and b"=" in line)
-        digest.update(b"\0".join([path.parent.name.encode(), path.name.encode(), text, b""]))
+        digest.update(b"\0".join([path.relative_to(root).as_posix().encode(), text, b""]))
     return digest.hexdigest()[:16]
 
 

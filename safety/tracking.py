@@ -22,7 +22,8 @@ class TrackerSettings:
     The two noise densities are compromises for 5 mm noise at 30 to 100 Hz: steady motion wants them small, as the
     estimated velocity steps less with each measurement; a swerve wants them large, as the estimate lags and the gate
     takes good measurements for outliers. The two defaults step equally much. ``constant_acceleration`` then follows
-    smooth curves more closely, ``constant_velocity`` sudden changes. The study in ``experiments.tracking`` shows it.
+    smooth curves more closely, ``constant_velocity`` sudden changes. The study in ``experiments.benchmarks.tracking``
+    shows it.
 
     Attributes:
         position_noise: standard deviation of a measured coordinate [m].

@@ -123,19 +123,19 @@ def test_library_does_not_print() -> None:
 
 
 def test_command_line_starts_without_the_heavy_modules() -> None:
-    program = "import json, sys, experiments.cli; print(json.dumps(sorted(sys.modules)))"
+    program = "import json, sys, experiments.cli.main; print(json.dumps(sorted(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     loaded = json.loads(run.stdout)
-    assert "experiments.cli" in loaded
+    assert "experiments.cli.main" in loaded
     assert not [name for name in loaded if name in HEAVY]
 
 
 def test_a_run_without_obstacles_does_not_wait_for_the_filter_of_their_tracks() -> None:
     """filterpy imports scipy.stats, which is the slowest of all imports."""
-    program = "import json, sys, experiments.session; print(json.dumps(sorted(sys.modules)))"
+    program = "import json, sys, experiments.running.run; print(json.dumps(sorted(sys.modules)))"
     run = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     loaded = json.loads(run.stdout)
-    assert "controllers.whole_body" in loaded
+    assert "controllers.whole_body.controller" in loaded
     assert not {"filterpy", "scipy.stats"} & set(loaded)

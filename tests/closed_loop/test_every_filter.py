@@ -5,11 +5,11 @@ from functools import cache
 import numpy as np
 import pytest
 
-from experiments.hand_tracking import run_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
-from experiments.results import FILTER_STATUSES, RunResult
-from safety.conditions import SET_MARGINS
-from safety.filters import FILTERS
+from experiments.recording.recording import FILTER_STATUSES, RunResult
+from experiments.scenarios.hand_tracking import run_hand_tracking
+from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from safety.filters.conditions import SET_MARGINS
+from safety.filters.safety_filter import FILTERS
 
 CONFLICT = 2.4
 """Until then the reference has gone 1.5 cm into the torso, and every filter has acted for at least 0.1 s [s]."""

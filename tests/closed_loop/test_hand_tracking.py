@@ -5,10 +5,10 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controllers.robot_config import controller_config
-from experiments.hand_tracking import arm_length, run_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
-from experiments.results import RunResult
+from controllers.whole_body.robot_config import controller_config
+from experiments.recording.recording import RunResult
+from experiments.scenarios.hand_tracking import arm_length, run_hand_tracking
+from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.pinocchio_model import standing_configuration

@@ -5,10 +5,16 @@ import functools
 import numpy as np
 import pytest
 
-from controllers.lateral_steps import lateral_step_tuning
-from experiments.lateral_steps import check_lateral_steps, feet_column, feet_figures, run_lateral_steps, steps_taken
-from experiments.options import FilterOptions, LateralStepsOptions, PlantOptions
-from experiments.results import RunResult
+from controllers.gaits.lateral_steps import lateral_step_tuning
+from experiments.recording.recording import RunResult
+from experiments.scenarios.lateral_steps import (
+    check_lateral_steps,
+    feet_column,
+    feet_figures,
+    run_lateral_steps,
+    steps_taken,
+)
+from experiments.scenarios.options import FilterOptions, LateralStepsOptions, PlantOptions
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot

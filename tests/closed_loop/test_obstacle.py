@@ -4,9 +4,9 @@ from functools import cache
 
 import pytest
 
-from experiments.hand_tracking import run_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
-from experiments.results import STOPPED, RunResult
+from experiments.recording.recording import STOPPED, RunResult
+from experiments.scenarios.hand_tracking import run_hand_tracking
+from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
 
 
 @cache

@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.options import HandTrackingOptions, PlantOptions, RunOptions, StandOptions
-from experiments.results import STOPPED, RunResult
-from experiments.session import control_config
-from experiments.stand import run_stand
+from experiments.recording.recording import STOPPED, RunResult
+from experiments.running.run import control_config
+from experiments.scenarios.options import HandTrackingOptions, PlantOptions, RunOptions, StandOptions
+from experiments.scenarios.stand import run_stand
 from robots.loader import load_robot
 
 TIMES = {"tick_ms", "stages"}

@@ -5,8 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from controllers.robot_config import controller_config
-from experiments.recovery import STARTS, leave_collision, recovery_figures
+from controllers.whole_body.robot_config import controller_config
+from experiments.benchmarks.recovery import STARTS, leave_collision, recovery_figures
 from robots.loader import load_robot
 from robots.messages import Array
 

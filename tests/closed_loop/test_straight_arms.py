@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controllers.config import TaskTuning
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config, from_table
 from controllers.supervisor import Supervisor
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.config import TaskTuning
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config, from_table
 from robots.description import RobotDescription
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration

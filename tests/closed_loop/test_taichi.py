@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.hand_tracking import arm_length
-from experiments.options import PlantOptions, TaichiOptions
-from experiments.results import RunResult
-from experiments.taichi import ARM, check_taichi, hand_targets, run_taichi, taichi_figures
+from experiments.recording.recording import RunResult
+from experiments.scenarios.hand_tracking import arm_length
+from experiments.scenarios.options import PlantOptions, TaichiOptions
+from experiments.scenarios.taichi import ARM, check_taichi, hand_targets, run_taichi, taichi_figures
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.kinematics import Kinematics

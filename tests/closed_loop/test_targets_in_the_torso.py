@@ -4,10 +4,10 @@ from functools import cache
 
 import pytest
 
-from experiments.hand_tracking import run_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions
-from experiments.results import RunResult
-from experiments.tuning_scenarios import torso_targets
+from experiments.recording.recording import RunResult
+from experiments.scenarios.hand_tracking import run_hand_tracking
+from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from experiments.studies.tuning_scenarios import torso_targets
 from robots.loader import load_robot
 
 BETWEEN = {"g1": (0.004, 0.03, 0.149), "tocabi": (-0.04, 0.03, 0.12)}

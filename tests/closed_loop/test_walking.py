@@ -6,14 +6,14 @@ import functools
 import numpy as np
 import pytest
 
-from controllers.footsteps import VelocityCommand
+from controllers.gaits.footsteps import VelocityCommand
 from controllers.supervisor import Supervisor
-from experiments import loop
-from experiments.options import PlantOptions, RunOptions, WalkOptions
-from experiments.results import RunResult
-from experiments.scenario import DIRECTIONS, Push
-from experiments.session import run
-from experiments.walk import meeting, run_walk, walk_scenario
+from experiments.recording.recording import RunResult
+from experiments.running import loop
+from experiments.running.run import run
+from experiments.scenarios.options import PlantOptions, RunOptions, WalkOptions
+from experiments.scenarios.scenario import DIRECTIONS, Push
+from experiments.scenarios.walk import meeting, run_walk, walk_scenario
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
 

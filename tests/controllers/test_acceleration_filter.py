@@ -6,17 +6,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.config import FilterTuning
 from controllers.reference import WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body.config import FilterTuning
+from controllers.whole_body.controller import TickResult, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
-from safety.conditions import FamilyParameters
-from safety.filters import FilterStatus
+from safety.barriers.barrier_set import standard_barriers
+from safety.filters.conditions import FamilyParameters
+from safety.filters.safety_filter import FilterStatus
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbcResult
 from wbc.torque_qp import DynWbcProblem, TorqueQp

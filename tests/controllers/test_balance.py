@@ -6,8 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import ConvexHull
 
-from controllers.balance import clip_to_support, zmp_command
-from controllers.lipm import DcmReference
+from controllers.balance.dcm_feedback import clip_to_support, zmp_command
+from controllers.balance.dcm_plan import DcmReference
 
 OMEGA, GAIN = 3.8, 4.0
 CENTRES = np.array([[0.05, 0.12], [-0.05, -0.12]])

@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 import experiments
-from controllers.command_script import CommandedWalk, CommandScript, between, read_script
-from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
-from controllers.motions import CarriedHands
+from controllers.gaits.commands import CommandedWalk, CommandScript, between, read_script
+from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
+from controllers.gaits.walking import Walking
+from controllers.gaits.walking_config import WalkTuning, walk_tuning, walking_changes
+from controllers.motions.hands import CarriedHands
 from controllers.reference import PointReference, WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from controllers.walking import Walking
-from controllers.walking_config import WalkTuning, walk_tuning, walking_changes
+from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.kinematics import Kinematics

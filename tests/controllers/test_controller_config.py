@@ -6,16 +6,16 @@ from typing import Any
 
 import pytest
 
-from controllers.config import ContactTuning, ControllerConfig, FilterTuning, TaskTuning
-from controllers.motions import circle_settings
-from controllers.robot_config import controller_config
-from experiments.options import FilterOptions
-from experiments.session import filter_changes
+from controllers.motions.hands import circle_settings
+from controllers.whole_body.config import ContactTuning, ControllerConfig, FilterTuning, TaskTuning
+from controllers.whole_body.robot_config import controller_config
+from experiments.running.run import filter_changes
+from experiments.scenarios.options import FilterOptions
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
-from safety.adaptation import AdaptationTuning
-from safety.rows import FAMILIES
+from safety.barriers.rows import FAMILIES
+from safety.filters.adaptation import AdaptationTuning
 
 BAD_NUMBERS = (0.0, -1.0, float("nan"), float("inf"), "1", None)
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.lipm import DcmPlan, ZmpPhase, waypoint
+from controllers.balance.dcm_plan import DcmPlan, ZmpPhase, waypoint
 from robots.errors import ConfigError
 
 OMEGA = 3.8

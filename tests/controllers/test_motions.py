@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.motions import (
+from controllers.motions.hands import (
     MIRROR,
     CenterOfMassShift,
     CircleSettings,

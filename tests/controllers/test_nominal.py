@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from controllers.nominal import NominalPolicy, PlanarBaseTask, PointTask, benchmark_limits
+from controllers.policies.nominal import NominalPolicy, PlanarBaseTask, PointTask, benchmark_limits
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot

@@ -6,13 +6,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.config import FilterTuning
-from controllers.footsteps import LEFT, RIGHT
-from controllers.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
+from controllers.gaits.footsteps import LEFT, RIGHT
+from controllers.gaits.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
 from controllers.reference import WholeBodyReference, reference_here
-from controllers.robot_config import controller_config, from_table
 from controllers.supervisor import Supervisor
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.config import FilterTuning
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config, from_table
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.kinematics import Kinematics

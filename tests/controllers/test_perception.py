@@ -7,7 +7,7 @@ import pytest
 
 from controllers.perception import SphereTracker
 from robots.errors import ConfigError
-from safety.obstacles import Obstacle
+from safety.geometry.shapes import Obstacle
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 
 STARTS = (np.array([0.5, 0.1, 0.9]), np.array([-0.4, 0.3, 1.2]))

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controllers import step_plan
-from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
-from controllers.lipm import DcmPlan
-from controllers.step_plan import CLOSED_DISTANCE, CLOSED_TURN, StepPlan
-from controllers.walking_config import WalkTuning
+from controllers.balance.dcm_plan import DcmPlan
+from controllers.gaits import step_plan
+from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
+from controllers.gaits.step_plan import CLOSED_DISTANCE, CLOSED_TURN, StepPlan
+from controllers.gaits.walking_config import WalkTuning
 from robots.errors import ConfigError
 
 OMEGA, WIDTH = 3.8, 0.24

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.footsteps import LEFT, RIGHT, Foothold, StepLimits, VelocityCommand, VelocityFootsteps
-from controllers.step_timing import StepTiming
-from controllers.swing import SwingPath
+from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, StepLimits, VelocityCommand, VelocityFootsteps
+from controllers.gaits.step_timing import StepTiming
+from controllers.gaits.swing_path import SwingPath
 from robots.errors import ConfigError
 
 WIDE = StepLimits(width=0.24, forward=5.0, narrowest=0.01, widest=5.0, turn=3.0)

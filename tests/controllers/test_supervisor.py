@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 
 from controllers.reference import PointReference, WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
 from controllers.supervisor import FADE_TIME, HOLD_TIME, LARGEST, MAX_FAILURES, Supervisor, describe_fault
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body.controller import TickResult, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.filters import FilterStatus
-from safety.obstacles import Obstacle
+from safety.filters.safety_filter import FilterStatus
+from safety.geometry.shapes import Obstacle
 
 BASE_Q = ["base x", "base y", "base z", *(f"base quaternion {a}" for a in "xyzw")]
 BASE_V = [f"base {kind} velocity {a}" for kind in ("linear", "angular") for a in "xyz"]

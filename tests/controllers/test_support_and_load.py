@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.load import HEAVIEST, LIGHTEST, LoadEstimator
-from controllers.support import SupportSensor
+from controllers.gaits.contact_detection import SupportSensor
+from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, LoadEstimator
 from robots.errors import ConfigError
 from wbc.wrench import GRAVITY
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.swing import Quintic, SwingPath
+from controllers.gaits.swing_path import Quintic, SwingPath
 
 START = np.array([0.1, 0.2, 0.0, 0.3])
 TARGET = np.array([0.4, 0.1, 0.01, 0.5])

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from controllers.balance import clip_to_support, zmp_command
-from controllers.lipm import DcmReference
+from controllers.balance.dcm_feedback import clip_to_support, zmp_command
+from controllers.balance.dcm_plan import DcmReference
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.task_stack import TaskStack
+from controllers.whole_body.robot_config import controller_config
+from controllers.whole_body.task_stack import TaskStack
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array

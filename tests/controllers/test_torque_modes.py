@@ -6,11 +6,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import ControllerConfig
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.torque_modes import TORQUE_MODES, gravity_torque
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.config import ControllerConfig
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.feedforward import TORQUE_MODES, gravity_torque
+from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics

@@ -8,15 +8,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.config import FilterTuning
-from controllers.robot_config import controller_config
-from controllers.tuning_file import Tuning, read_tuning, write_tuning
-from experiments.options import FilterOptions, StandOptions
-from experiments.session import check_options, control_config, filter_changes
-from experiments.stand import run_stand
+from controllers.whole_body.config import FilterTuning
+from controllers.whole_body.robot_config import controller_config
+from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
+from experiments.running.run import check_options, control_config, filter_changes
+from experiments.scenarios.options import FilterOptions, StandOptions
+from experiments.scenarios.stand import run_stand
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from safety.rows import FAMILIES
+from safety.barriers.rows import FAMILIES
 
 NUMBERS = st.floats(1e-3, 1e3)
 TEXTS = st.text(st.characters(exclude_categories=("Cs",)), max_size=20)

@@ -9,14 +9,14 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-import controllers.walking
-from controllers.feet import Feet
-from controllers.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
+import controllers.gaits.walking
+from controllers.gaits.foot_state import Feet
+from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
+from controllers.gaits.walking import Support, Walking
+from controllers.gaits.walking_config import WalkTuning, walk_tuning
 from controllers.reference import WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from controllers.walking import Support, Walking
-from controllers.walking_config import WalkTuning, walk_tuning
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -103,7 +103,7 @@ class Bench:
         soles = np.array([[*p, 0.0] for p in places])
         self.world = World(soles, soles[:, :2].mean(axis=0), ground=soles[:, 2].copy())
         self.reference = reference_here(kin, with_hands=False)
-        monkeypatch.setattr(controllers.walking, "Feet", IdealFeet)
+        monkeypatch.setattr(controllers.gaits.walking, "Feet", IdealFeet)
         self.tuning = tuning or walk_tuning(ROBOT)
         self.walking = Walking(ROBOT, self.tuning, state, planner)
         self.state, self.t, self.ticks = state, 0.0, list[Tick]()

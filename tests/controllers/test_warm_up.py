@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.warm_up import BEYOND, CONTACTS, obstacles_at, situations
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body.controller import TickResult, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from controllers.whole_body.warm_up import BEYOND, CONTACTS, obstacles_at, situations
 from robots.description import RobotDescription
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import CollisionBodies, ObstacleBarrier
-from safety.filters import FILTERS, KINDS, FilterStatus
-from safety.obstacles import KINDS as OBSTACLE_KINDS
+from safety.barriers.barrier_set import CollisionBodies, ObstacleBarrier
+from safety.filters.safety_filter import FILTERS, KINDS, FilterStatus
+from safety.geometry.shapes import KINDS as OBSTACLE_KINDS
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -117,15 +117,15 @@ def test_the_situations_have_all_contacts_all_kinds_and_both_kinds_of_balance(ro
 PROGRAM = """
 import sys
 import numpy as np
-from controllers.robot_config import controller_config
+from controllers.whole_body.robot_config import controller_config
 from controllers.reference import reference_here
-from controllers.warm_up import obstacles_at
-from controllers.whole_body import WholeBodyController
-from experiments.warmup import kernels
+from controllers.whole_body.warm_up import obstacles_at
+from controllers.whole_body.controller import WholeBodyController
+from experiments.running.warmup import kernels
 from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.obstacles import KINDS
+from safety.geometry.shapes import KINDS
 
 robot = load_robot("g1")
 controller = WholeBodyController(robot, controller_config(robot, filter=sys.argv[1]), True, KINDS)

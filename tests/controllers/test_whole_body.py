@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.config import ControllerConfig
 from controllers.reference import PointReference, WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from controllers.whole_body import STAGES, WholeBodyController
+from controllers.whole_body.config import ControllerConfig
+from controllers.whole_body.controller import STAGES, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.description import Body, RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.filters import FILTERS, FilterStatus
+from safety.filters.safety_filter import FILTERS, FilterStatus
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 POSTURES = ("standing", "hands_front")

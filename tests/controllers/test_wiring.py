@@ -8,17 +8,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from controllers.config import BalanceTuning, ContactTuning, FilterTuning, TaskTuning
 from controllers.reference import PointReference, reference_here
-from controllers.robot_config import controller_config
 from controllers.supervisor import Supervisor
-from controllers.whole_body import TickResult, WholeBodyController
+from controllers.whole_body.config import BalanceTuning, ContactTuning, FilterTuning, TaskTuning
+from controllers.whole_body.controller import TickResult, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.conditions import FamilyParameters
-from safety.rows import FAMILIES
+from safety.barriers.rows import FAMILIES
+from safety.filters.conditions import FamilyParameters
 from wbc.dynwbc import DynWbcWeights
 from wbc.qp import ProxqpSolver
 

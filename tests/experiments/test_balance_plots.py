@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import balance_plots, distance_plots
-from experiments.media import FOOTPRINTS, _at_swings, _key_ticks, camera_path, footprints
-from experiments.report import verdict, write_report
-from experiments.results import RunResult
-from experiments.stances import spells, stances, swings, walks, without_sway
+from experiments.recording.gait_phases import spells, stances, swings, walks, without_sway
+from experiments.recording.recording import RunResult
+from experiments.reports import balance_plots, distance_plots
+from experiments.reports.media import FOOTPRINTS, _at_swings, _key_ticks, camera_path, footprints
+from experiments.reports.report import verdict, write_report
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration

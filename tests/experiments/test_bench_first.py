@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from experiments import bench_first, cli
-from experiments.bench_first import KINDS, in_a_process, middle
+from experiments.benchmarks import first as bench_first
+from experiments.benchmarks.first import KINDS, in_a_process, middle
+from experiments.cli import main as cli
 
 
 @pytest.mark.parametrize("warm", ["yes", "no"])

@@ -12,18 +12,19 @@ import pytest
 from rich.console import Console
 
 from controllers.reference import PointReference, WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from experiments import bench_peers, cli
-from experiments.bench import prepared, recorded
-from experiments.bench_peers import BLOCK, OUR_TICK, OURS, WARM_UP, Line, figures, measure, notes, table
-from experiments.options import BenchOptions
-from experiments.peers import COSTS, FRAMES, PEERS, OurIk, Peer, Targets, collision_geometry
+from controllers.whole_body.robot_config import controller_config
+from experiments.benchmarks import peers as bench_peers
+from experiments.benchmarks.peer_stacks import COSTS, FRAMES, PEERS, OurIk, Peer, Targets, collision_geometry
+from experiments.benchmarks.peers import BLOCK, OUR_TICK, OURS, WARM_UP, Line, figures, measure, notes, table
+from experiments.benchmarks.tick import prepared, recorded
+from experiments.cli import main as cli
+from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
+from safety.barriers.barrier_set import standard_barriers
 
 OFFSET = 0.25
 """Of the stub's joint velocities from ours [rad/s]."""

@@ -10,20 +10,20 @@ import numpy as np
 import pytest
 
 from controllers.reference import reference_here
-from experiments import bench_worst as bench_worst_module
-from experiments.bench_rows import LOCKED, SIZES, cases, with_fewer_joints, with_spheres
-from experiments.bench_worst import STATUSES, Collections, Log, Times, bench_worst, longest_run, play
-from experiments.options import BenchOptions
-from experiments.worst_course import Course, Start, nearest_bodies
-from experiments.worst_scenes import SCENES, TARGET_JUMP, TARGET_TICKS, Adversary, Scene
+from experiments.benchmarks import worst as bench_worst_module
+from experiments.benchmarks.rows import LOCKED, SIZES, cases, with_fewer_joints, with_spheres
+from experiments.benchmarks.worst import STATUSES, Collections, Log, Times, bench_worst, longest_run, play
+from experiments.benchmarks.worst_course import Course, Start, nearest_bodies
+from experiments.benchmarks.worst_scenes import SCENES, TARGET_JUMP, TARGET_TICKS, Adversary, Scene
+from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import CollisionBodies
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import CollisionBodies
+from safety.geometry.shapes import Obstacle
 
 DT = 0.002
 SPOTS = np.array([[0.3, 0.2, 0.9], [0.3, -0.2, 0.9], [0.0, 0.0, 1.2]])

@@ -13,11 +13,14 @@ from pathlib import Path
 
 import pytest
 
-import experiments.options as options_module
-from controllers.whole_body import STAGES
-from experiments import cli, console, table, warmup
-from experiments.options import OutputOptions, PlantOptions, RunOptions, StandOptions
-from experiments.results import load_result
+import experiments.scenarios.options as options_module
+from controllers.whole_body.controller import STAGES
+from experiments.cli import console
+from experiments.cli import main as cli
+from experiments.recording.recording import load_result
+from experiments.running import warmup
+from experiments.scenarios.options import OutputOptions, PlantOptions, RunOptions, StandOptions
+from experiments.studies import results_tables as table
 from robots.kernel_types import CACHE_PREFIX
 from robots.loader import load_robot
 
@@ -226,7 +229,7 @@ def test_a_missing_posture_is_told_with_file_and_table(safewbc: CommandLine) -> 
 
 def in_a_process(folder: Path, *arguments: str, **variables: str) -> Outcome:
     """The command in a process of its own, in ``folder``, with further environment variables."""
-    command = [sys.executable, "-c", "from experiments.cli import main; main()", *arguments]
+    command = [sys.executable, "-c", "from experiments.cli.main import main; main()", *arguments]
     environment = os.environ | {"PYTHONPATH": str(ROOT)} | variables
     done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
     return Outcome(done.returncode, done.stdout, done.stderr)
@@ -265,7 +268,7 @@ def test_the_version_is_that_of_the_distribution(safewbc: CommandLine) -> None:
 
 def test_a_run_leaves_configuration_summary_series_and_report(tmp_path: Path) -> None:
     """As a user starts it, in a process of its own."""
-    command = [sys.executable, "-c", "from experiments.cli import main; main()"]
+    command = [sys.executable, "-c", "from experiments.cli.main import main; main()"]
     arguments = ["run", "stand", "--duration", "0.3", "--no-video", "--out", "here", "--mass-scale", "1.1"]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
@@ -388,7 +391,8 @@ def test_control_c_ends_a_running_command_without_a_traceback(tmp_path: Path) ->
     program = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
-from experiments import cli, console
+from experiments.cli import main as cli
+from experiments.cli import console
 run_one = console.run_one
 console.run_one = lambda options, advance: run_one(options, lambda t: (print("at", t, flush=True), advance(t)))
 cli.main()

@@ -10,13 +10,14 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog, minimize
 
-from controllers.nominal import benchmark_limits
-from experiments import cli
-from experiments.corridor import corridor_table, figure_text, is_bad
-from experiments.corridor_findings import findings
-from experiments.corridor_loop import DT, NAIVE, VARIANTS, CorridorLoop, CorridorRun, variant_title
-from experiments.corridor_report import corridor_frames, write_corridor_report
-from experiments.corridor_scene import (
+from controllers.policies.nominal import benchmark_limits
+from experiments.cli import main as cli
+from experiments.metrics.metric import Figure
+from experiments.metrics.scores import control_score, feasible_rate, safety_score, tracking_score
+from experiments.reports.corridor import corridor_frames, write_corridor_report
+from experiments.reports.media import obstacle_shapes, rotation_to
+from experiments.running.corridor_loop import DT, NAIVE, VARIANTS, CorridorLoop, CorridorRun, variant_title
+from experiments.scenarios.corridor import (
     CLOSING,
     D_MIN,
     GOALS,
@@ -27,17 +28,16 @@ from experiments.corridor_scene import (
     corridor_robot,
     ramp,
 )
-from experiments.figures import Figure
-from experiments.media import obstacle_shapes, rotation_to
-from experiments.scores import control_score, feasible_rate, safety_score, tracking_score
+from experiments.studies.corridor import corridor_table, figure_text, is_bad
+from experiments.studies.corridor_findings import findings
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.barriers import standard_barriers
-from safety.conditions import SET_MARGINS, BarrierParameters, ssa
-from safety.filters import SafetyFilter
-from safety.obstacles import Obstacle
-from safety.rows import BarrierRows, HalfSpaces
+from safety.barriers.barrier_set import standard_barriers
+from safety.barriers.rows import BarrierRows, HalfSpaces
+from safety.filters.conditions import SET_MARGINS, BarrierParameters, ssa
+from safety.filters.safety_filter import SafetyFilter
+from safety.geometry.shapes import Obstacle
 from sims.rendering import RobotRenderer
 from sims.shapes import Shape
 

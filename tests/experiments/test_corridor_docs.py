@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from experiments.corridor_loop import CorridorLoop, CorridorRun
-from experiments.corridor_scene import Corridor, corridor_robot
+from experiments.running.corridor_loop import CorridorLoop, CorridorRun
+from experiments.scenarios.corridor import Corridor, corridor_robot
 
 SECTION = (Path(__file__).parents[2] / "docs" / "output.md").read_text(encoding="utf-8").split("\n## Corridor\n")[1]
 

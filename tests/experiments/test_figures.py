@@ -1,6 +1,6 @@
 import pytest
 
-from experiments.figures import FIGURES, Figure
+from experiments.metrics.metric import FIGURES, Figure
 
 
 @pytest.mark.parametrize(

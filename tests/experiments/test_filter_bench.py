@@ -12,15 +12,15 @@ import numpy as np
 import pytest
 from scipy.optimize import linprog
 
-from experiments import cli
-from experiments.filter_bench import STAGES, Verdict, bench_filters
-from experiments.filter_recording import DT, SPEED, record, run
-from experiments.filter_scenes import BASES, OBSTACLES, RADIUS, SCENES, SQUEEZE_MARGIN, Moment, Problem
-from experiments.options import BenchOptions
+from experiments.benchmarks.filter_bench import STAGES, Verdict, bench_filters
+from experiments.benchmarks.filter_recording import DT, SPEED, record, run
+from experiments.benchmarks.filter_scenes import BASES, OBSTACLES, RADIUS, SCENES, SQUEEZE_MARGIN, Moment, Problem
+from experiments.cli import main as cli
+from experiments.scenarios.options import BenchOptions
 from robots.messages import Array
-from safety.filters import FILTERS, KINDS
-from safety.results import FilterResult, FilterStatus
-from safety.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.filters.results import FilterResult, FilterStatus
+from safety.filters.safety_filter import FILTERS, KINDS
 
 TICKS = 10
 SIZES = [(n_rows, nv) for n_rows in OBSTACLES for nv in BASES]

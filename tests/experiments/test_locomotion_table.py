@@ -13,14 +13,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from controllers.footsteps import LEFT
-from experiments import locomotion_sections, locomotion_table
-from experiments.locomotion_sections import StudyTable, chosen_tables
-from experiments.options import LateralStepsOptions, RunOptions, StandOptions, TaichiOptions, WalkOptions
-from experiments.registry import experiment_of
-from experiments.speed_search import STEP, achieved_speed, climb
-from experiments.study_options import SECTIONS, LocomotionTableOptions
-from experiments.study_pool import Row, RunTask, ending, in_parallel, tick_figures
+from controllers.gaits.footsteps import LEFT
+from experiments.running.pool import Row, RunTask, ending, in_parallel, tick_figures
+from experiments.scenarios.options import LateralStepsOptions, RunOptions, StandOptions, TaichiOptions, WalkOptions
+from experiments.scenarios.registry import experiment_of
+from experiments.studies import locomotion_table
+from experiments.studies import locomotion_tables as locomotion_sections
+from experiments.studies.locomotion_tables import StudyTable, chosen_tables
+from experiments.studies.speed import STEP, achieved_speed, climb
+from experiments.studies.study_options import SECTIONS, LocomotionTableOptions
 from robots.errors import SafeWbcError
 
 PAGE = Path(__file__).parents[2] / "docs" / "locomotion.md"

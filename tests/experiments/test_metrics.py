@@ -7,9 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.config import ControllerConfig, FilterTuning
-from experiments.loop import LoopOutcome
-from experiments.metrics import (
+from controllers.whole_body.config import ControllerConfig, FilterTuning
+from experiments.metrics.balance import (
     CONFLICT_MARGIN,
     PACKAGES,
     convex_polygon,
@@ -22,11 +21,12 @@ from experiments.metrics import (
     zmp_inside,
     zmp_inside_single,
 )
-from experiments.results import RunResult, filter_title
+from experiments.recording.recording import RunResult, filter_title
+from experiments.running.loop import LoopOutcome
 from robots.loader import load_robot
 from robots.messages import Array
-from safety.conditions import FamilyParameters
-from safety.filters import FILTERS
+from safety.filters.conditions import FamilyParameters
+from safety.filters.safety_filter import FILTERS
 
 SQUARE = np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 1.0], [0.0, 1.0]])
 SOLES = np.array([[[0.0, y], [2.0, y], [2.0, y + 0.4], [0.0, y + 0.4]] for y in (0.6, 0.0)])

@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.whole_body import STAGES
-from experiments.hand_tracking import run_hand_tracking
-from experiments.lateral_steps import run_lateral_steps
-from experiments.options import (
+from controllers.whole_body.controller import STAGES
+from experiments.recording.recording import FILTER_STATUSES, RunResult, save_result
+from experiments.scenarios.hand_tracking import run_hand_tracking
+from experiments.scenarios.lateral_steps import run_lateral_steps
+from experiments.scenarios.options import (
     HandTrackingOptions,
     LateralStepsOptions,
     PlantOptions,
@@ -19,12 +20,11 @@ from experiments.options import (
     TaichiOptions,
     WalkOptions,
 )
-from experiments.results import FILTER_STATUSES, RunResult, save_result
-from experiments.stand import run_stand
-from experiments.taichi import run_taichi
-from experiments.walk import run_walk
+from experiments.scenarios.stand import run_stand
+from experiments.scenarios.taichi import run_taichi
+from experiments.scenarios.walk import run_walk
 from robots.kinematics import Kinematics
-from safety.barriers import BarrierSet, CollisionBodies, SelfCollisionBarrier
+from safety.barriers.barrier_set import BarrierSet, CollisionBodies, SelfCollisionBarrier
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "output.md").read_text(encoding="utf-8")
 

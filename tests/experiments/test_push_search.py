@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments import push_search
-from experiments.push_search import AFTER, STRIDE, PushCase, cases, largest_survived, run_case, true_mass, worst_of
-from experiments.scenario import PUSH_TIME
-from experiments.study_options import PushSearchOptions
+from experiments.scenarios.scenario import PUSH_TIME
+from experiments.studies import pushes as push_search
+from experiments.studies.pushes import AFTER, STRIDE, PushCase, cases, largest_survived, run_case, true_mass, worst_of
+from experiments.studies.study_options import PushSearchOptions
 from robots.errors import SafeWbcError
 from robots.loader import load_robot
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec

@@ -7,11 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import random_walks as study
-from experiments.options import PlantOptions
-from experiments.random_walks import draw_walk, falls, run_random_walk, true_mass
-from experiments.scenario import PUSH_TIME
-from experiments.study_options import RandomWalkOptions, RandomWalksOptions
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.scenario import PUSH_TIME
+from experiments.studies import random_walks as study
+from experiments.studies.random_walks import draw_walk, falls, run_random_walk, true_mass
+from experiments.studies.study_options import RandomWalkOptions, RandomWalksOptions
 from robots.errors import SafeWbcError
 from robots.loader import load_robot
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec

@@ -9,20 +9,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments import bench_loop
-from experiments.bench import bench
-from experiments.bench_loop import case, loop_figures
-from experiments.ground_truth import TrueBarriers
-from experiments.laps import LOOP_PARTS, PARTS, Laps
-from experiments.options import BenchOptions
-from experiments.recording import Columns
-from experiments.results import GUARANTEED
+from experiments.benchmarks import loop as bench_loop
+from experiments.benchmarks.loop import case, loop_figures
+from experiments.benchmarks.tick import bench
+from experiments.recording.columns import Columns
+from experiments.recording.recording import GUARANTEED
+from experiments.running.ground_truth import TrueBarriers
+from experiments.running.laps import LOOP_PARTS, PARTS, Laps
+from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import standard_barriers
+from safety.geometry.shapes import Obstacle
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -146,7 +146,7 @@ def test_the_bench_prints_and_writes_every_part(
 
 
 def test_who_tracks_no_obstacle_does_not_wait_for_scipy_s_statistics() -> None:
-    program = "import sys, experiments.hand_tracking; print('scipy.stats' in sys.modules)"
+    program = "import sys, experiments.scenarios.hand_tracking; print('scipy.stats' in sys.modules)"
     run = subprocess.run([sys.executable, "-c", program], cwd=ROOT, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
     assert run.stdout.strip() == "False"

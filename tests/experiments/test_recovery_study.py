@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.robot_config import controller_config
-from experiments.recovery import COLUMNS, TITLE, recovery_figures, recovery_plot, recovery_study
-from experiments.study_print import show_study
+from controllers.whole_body.robot_config import controller_config
+from experiments.benchmarks.recovery import COLUMNS, TITLE, recovery_figures, recovery_plot, recovery_study
+from experiments.cli.study_print import show_study
 from robots.loader import load_robot
 
 

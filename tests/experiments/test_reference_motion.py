@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from controllers.reference import WholeBodyReference, reference_here
-from controllers.robot_config import controller_config
-from controllers.whole_body import WholeBodyController
-from experiments.reference_motion import reference_motion
-from experiments.scenario import Cast
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from experiments.running.reference_motion import reference_motion
+from experiments.scenarios.scenario import Cast
 from robots.description import RobotDescription
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration

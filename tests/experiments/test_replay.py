@@ -10,13 +10,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 import pytest
 
-from experiments import cli
-from experiments.options import FilterOptions, PlantOptions, StandOptions, TaichiOptions, WalkOptions
-from experiments.registry import EXPERIMENTS
-from experiments.replay import TIMES, array_differences, from_plain
-from experiments.results import load_result, plain, save_result
-from experiments.stand import run_stand
-from experiments.walk import run_walk
+from experiments.cli import main as cli
+from experiments.recording.recording import load_result, plain, save_result
+from experiments.recording.replay import TIMES, array_differences, from_plain
+from experiments.scenarios.options import FilterOptions, PlantOptions, StandOptions, TaichiOptions, WalkOptions
+from experiments.scenarios.registry import EXPERIMENTS
+from experiments.scenarios.stand import run_stand
+from experiments.scenarios.walk import run_walk
 from robots.errors import ConfigError
 
 

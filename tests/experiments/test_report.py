@@ -12,11 +12,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from experiments import distance_plots, plot_style, report
-from experiments.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
-from experiments.plots import joint_groups
-from experiments.report import verdict, write_report
-from experiments.results import (
+from experiments.recording.recording import (
     GUARANTEED,
     RunResult,
     family_minima,
@@ -28,6 +24,10 @@ from experiments.results import (
     setting,
     smallest_self_collision,
 )
+from experiments.reports import distance_plots, plot_style, report
+from experiments.reports.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
+from experiments.reports.plots import joint_groups
+from experiments.reports.report import verdict, write_report
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
@@ -183,7 +183,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path: Path, monk
     def read_only(**_: Any) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("experiments.results.tempfile.NamedTemporaryFile", read_only)
+    monkeypatch.setattr("experiments.recording.recording.tempfile.NamedTemporaryFile", read_only)
     with pytest.raises(ConfigError, match="Read-only file system"):
         prepare_folder(tmp_path)
 
@@ -198,7 +198,8 @@ def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
 
 
 def test_results_import_nothing_heavy() -> None:
-    code = "import sys, experiments.results; print([m for m in ('matplotlib', 'mujoco', 'PIL') if m in sys.modules])"
+    heavy = "('matplotlib', 'mujoco', 'PIL')"
+    code = f"import sys, experiments.recording.recording; print([m for m in {heavy} if m in sys.modules])"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout.strip() == "[]"
 

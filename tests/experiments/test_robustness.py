@@ -9,13 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.tuning_file import read_tuning
-from experiments import robustness as study
-from experiments.encounter import AHEAD, DISTANCE, Passage
-from experiments.hand_tracking import check_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, LateralStepsOptions, PlantOptions, WalkOptions
-from experiments.registry import experiment_of
-from experiments.robustness import (
+from controllers.whole_body.tuning_file import read_tuning
+from experiments.scenarios.hand_tracking import check_hand_tracking
+from experiments.scenarios.obstacles import AHEAD, DISTANCE, Passage
+from experiments.scenarios.options import (
+    FilterOptions,
+    HandTrackingOptions,
+    LateralStepsOptions,
+    PlantOptions,
+    WalkOptions,
+)
+from experiments.scenarios.registry import experiment_of
+from experiments.studies import robustness as study
+from experiments.studies.robustness import (
     BARRIERS,
     BEFORE,
     SCENARIOS,
@@ -28,11 +34,11 @@ from experiments.robustness import (
     robustness_tasks,
     summed,
 )
-from experiments.study_options import RobustnessOptions, TuneOptions
-from experiments.tuning_scenarios import tuning_runs
+from experiments.studies.study_options import RobustnessOptions, TuneOptions
+from experiments.studies.tuning_scenarios import tuning_runs
 from robots.errors import ConfigError, SafeWbcError
 from robots.loader import load_robot
-from safety.rows import FAMILIES
+from safety.barriers.rows import FAMILIES
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS)

@@ -6,8 +6,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.straight_arms import COLUMNS, LIMIT, TITLE, command_steps, step_figures, straight_plot, straight_study
-from experiments.study_print import show_study
+from experiments.benchmarks.straight_arms import (
+    COLUMNS,
+    LIMIT,
+    TITLE,
+    command_steps,
+    step_figures,
+    straight_plot,
+    straight_study,
+)
+from experiments.cli.study_print import show_study
 
 
 def test_steps_are_the_largest_change_of_any_joint_and_the_base_does_not_count() -> None:

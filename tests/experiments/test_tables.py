@@ -7,12 +7,12 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from experiments import table as tables
-from experiments.options import HandTrackingOptions, RunOptions, TableOptions
-from experiments.results import RunResult
-from experiments.safety_runs import friction_runs, safety_runs
+from experiments.recording.recording import RunResult
+from experiments.scenarios.options import HandTrackingOptions, RunOptions, TableOptions
+from experiments.studies import results_tables as tables
+from experiments.studies.safety_tables import friction_runs, safety_runs
 from robots.loader import load_robot
-from safety.filters import FILTERS
+from safety.filters.safety_filter import FILTERS
 
 DOCS = Path(__file__).parents[2] / "docs"
 

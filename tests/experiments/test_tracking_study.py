@@ -10,10 +10,9 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from experiments import tracking as study
-from experiments.crossing import CROSSING, KNOWLEDGE, NOISE, PASSED, TICK, Crossing, crossing_study
-from experiments.encounter import DISTANCE, RADIUS
-from experiments.tracking import (
+from experiments.benchmarks import tracking as study
+from experiments.benchmarks.crossing import CROSSING, KNOWLEDGE, NOISE, PASSED, TICK, Crossing, crossing_study
+from experiments.benchmarks.tracking import (
     TRACKING,
     follow,
     lag,
@@ -23,10 +22,11 @@ from experiments.tracking import (
     tracking_plot,
     tracking_study,
 )
+from experiments.scenarios.obstacles import DISTANCE, RADIUS
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.barriers import ObstacleBarrier
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import ObstacleBarrier
+from safety.geometry.shapes import Obstacle
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import CircularMotion, PassingSphere, PositionSensor
 

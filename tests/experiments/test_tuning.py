@@ -12,17 +12,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from controllers.tuning_file import Tuning, read_tuning, write_tuning
-from experiments import tune as tuning
-from experiments import tuner as rounds_of_runs
-from experiments.options import HandTrackingOptions, PlantOptions
-from experiments.results import GUARANTEED
-from experiments.session import plant_config
-from experiments.study_options import TuneOptions
-from experiments.tune import check_tune, possible_runs, slopes, start_choices
-from experiments.tuner import GROWTH, SPARE, Choice, Seen, Tuner, rounded_down, rounded_up
-from experiments.tuning_measure import Measured, family_epsilon, weighed_push
-from experiments.tuning_scenarios import TuningRun, corner_plants, payload, posture_ratios, torso_targets
+from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
+from experiments.recording.recording import GUARANTEED
+from experiments.running.run import plant_config
+from experiments.scenarios.options import HandTrackingOptions, PlantOptions
+from experiments.studies import tune as tuning
+from experiments.studies import tuner as rounds_of_runs
+from experiments.studies.study_options import TuneOptions
+from experiments.studies.tune import check_tune, possible_runs, slopes, start_choices
+from experiments.studies.tuner import GROWTH, SPARE, Choice, Seen, Tuner, rounded_down, rounded_up
+from experiments.studies.tuning_measure import Measured, family_epsilon, weighed_push
+from experiments.studies.tuning_scenarios import TuningRun, corner_plants, payload, posture_ratios, torso_targets
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot

@@ -10,19 +10,19 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-from controllers.footsteps import VelocityCommand
-from experiments.encounter import OVERLAP, RADIUS, Beside, SensorSettings, sphere_beside
-from experiments.locomotion_figures import (
+from controllers.gaits.footsteps import VelocityCommand
+from experiments.metrics.locomotion import (
     achieved_velocity,
     swing_heights,
     touchdowns,
     velocity_errors,
     walk_figures,
 )
-from experiments.options import WalkOptions
-from experiments.registry import EXPERIMENTS, experiment_called, experiment_of
-from experiments.scenario import PUSH_TIME, Push
-from experiments.walk import FIRST, LAST, check_walk, command_profile, commands_at, meeting, sway
+from experiments.scenarios.obstacles import OVERLAP, RADIUS, Beside, SensorSettings, sphere_beside
+from experiments.scenarios.options import WalkOptions
+from experiments.scenarios.registry import EXPERIMENTS, experiment_called, experiment_of
+from experiments.scenarios.scenario import PUSH_TIME, Push
+from experiments.scenarios.walk import FIRST, LAST, check_walk, command_profile, commands_at, meeting, sway
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.whole_body import WholeBodyController
-from experiments.encounter import VELOCITIES, Encounter, SensorSettings, passing_sphere
-from experiments.hand_tracking import obstacle_settings, run_hand_tracking
-from experiments.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, StandOptions
-from experiments.session import STANDARD_NOISE, control_config, plant_config
-from experiments.stand import run_stand
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from experiments.running.run import STANDARD_NOISE, control_config, plant_config
+from experiments.scenarios.hand_tracking import obstacle_settings, run_hand_tracking
+from experiments.scenarios.obstacles import VELOCITIES, Encounter, SensorSettings, passing_sphere
+from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, StandOptions
+from experiments.scenarios.stand import run_stand
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
@@ -22,8 +22,8 @@ from robots.loader import load_robot
 from robots.messages import Array, MotorCommand
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import standard_barriers
+from safety.geometry.shapes import Obstacle
 from safety.tracking import ObstacleTrack, TrackerSettings
 from sims.obstacles import PositionSensor
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise

@@ -9,10 +9,10 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.motions import CircleSettings, circle_settings
-from controllers.robot_config import TABLES as TUNING_TABLES
-from experiments.hand_tracking import check_hand_tracking, run_hand_tracking
-from experiments.options import HandTrackingOptions
+from controllers.motions.hands import CircleSettings, circle_settings
+from controllers.whole_body.robot_config import TABLES as TUNING_TABLES
+from experiments.scenarios.hand_tracking import check_hand_tracking, run_hand_tracking
+from experiments.scenarios.options import HandTrackingOptions
 from robots.description import ROLES, Joint
 from robots.errors import DescriptionError
 from robots.kinematics import Kinematics

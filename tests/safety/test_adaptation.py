@@ -10,10 +10,10 @@ from hypothesis import strategies as st
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.adaptation import AdaptationTuning, EpsilonAdapter
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import FilterStatus, SafetyFilter
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.adaptation import AdaptationTuning, EpsilonAdapter
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import FilterStatus, SafetyFilter
 
 DT = 0.002
 PARAMETERS = BarrierParameters(

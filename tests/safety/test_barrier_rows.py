@@ -13,7 +13,7 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from robots.rotation import rotation_from_rpy
-from safety.barriers import (
+from safety.barriers.barrier_set import (
     Barrier,
     BarrierSet,
     CollisionBodies,
@@ -22,8 +22,8 @@ from safety.barriers import (
     SelfCollisionBarrier,
     standard_barriers,
 )
-from safety.obstacles import Obstacle
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.geometry.shapes import Obstacle
 
 STEP = 1e-6
 OBSTACLE_KINDS = ("capsule", "sphere", "box", "capsule", "half_space")

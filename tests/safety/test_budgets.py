@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety import second_phase, working_set
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters import second_phase, working_set
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
 from wbc import active_set, least_slack
 
 OBSTACLE = FAMILIES.index("obstacle")

@@ -7,7 +7,8 @@ import pytest
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.conditions import (
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import (
     SET_MARGINS,
     BarrierParameters,
     FamilyParameters,
@@ -18,8 +19,7 @@ from safety.conditions import (
     sss,
     worst_row,
 )
-from safety.filter_kinds import KINDS
-from safety.rows import FAMILIES, BarrierRows
+from safety.filters.registry import KINDS
 
 ALPHAS = (3.0, 5.0, 7.0, 11.0, 13.0, 17.0)
 EPSILONS = (0.5, 2.0, 4.0, 8.0, 16.0, 32.0)

@@ -15,10 +15,10 @@ from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from robots.rotation import rotation_from_rpy
-from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
-from safety.boxes import TOUCHING
-from safety.geometry import closest_parameters
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
+from safety.geometry.boxes import TOUCHING
+from safety.geometry.segments import closest_parameters
+from safety.geometry.shapes import Obstacle
 from wbc.qp import UNBOUNDED, make_solver
 
 RADIUS = 0.05

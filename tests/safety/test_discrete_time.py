@@ -1,4 +1,5 @@
-"""What holding velocity or acceleration for a step costs, on robots' own rows: the bounds in ``safety.conditions``."""
+"""What holding velocity or acceleration for a step costs, on robots' own rows: bounds of
+``safety.filters.conditions``."""
 
 from dataclasses import dataclass, replace
 
@@ -9,12 +10,12 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import KINDS, FilterStatus, SafetyFilter
-from safety.obstacles import Obstacle
-from safety.rows import FAMILIES, BarrierRows
-from safety.second_order import ecbf_rows, index_rows
+from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import KINDS, FilterStatus, SafetyFilter
+from safety.filters.second_order import ecbf_rows, index_rows
+from safety.geometry.shapes import Obstacle
 
 ALPHA = SLOPE = 20.0
 ETA = 0.3

@@ -11,9 +11,12 @@ import pinocchio as pin
 import pytest
 
 from robots.messages import Array
-from safety import box_faces, boxes, geometry, kernels
-from safety.boxes import box_contacts
-from safety.geometry import (
+from safety.geometry import box_faces, boxes
+from safety.geometry import contact_rows as kernels
+from safety.geometry import segments as geometry
+from safety.geometry.boxes import box_contacts
+from safety.geometry.contact_rows import contact_gradients
+from safety.geometry.segments import (
     CONTACT_SIZE,
     DEGENERATE,
     END_A,
@@ -24,7 +27,6 @@ from safety.geometry import (
     point_contacts,
     segment_contacts,
 )
-from safety.kernels import contact_gradients
 
 SAME = 1e-9
 KINDS = ("sphere", "capsule")

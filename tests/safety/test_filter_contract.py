@@ -6,19 +6,28 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.config import ControllerConfig
+from controllers.whole_body.config import ControllerConfig
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import standard_barriers
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import CONDITIONS, FILTERS, KINDS, RELAXED, FilterResult, FilterStatus, SafetyFilter, explain
-from safety.resolutions import Resolved
-from safety.results import report
-from safety.rows import FAMILIES, BarrierRows, HalfSpaces
-from safety.second_order import ecbf_rows, index_rows, without_margin
+from safety.barriers.barrier_set import standard_barriers
+from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.resolutions import Resolved
+from safety.filters.results import report
+from safety.filters.safety_filter import (
+    CONDITIONS,
+    FILTERS,
+    KINDS,
+    RELAXED,
+    FilterResult,
+    FilterStatus,
+    SafetyFilter,
+    explain,
+)
+from safety.filters.second_order import ecbf_rows, index_rows, without_margin
 
 SAFE = [(name, order) for name in FILTERS for order in KINDS[name].orders if name != "none"]
 LADDER = [(name, order) for name, order in SAFE if KINDS[name].resolution in {"qp", "two_phase"}]

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from safety.filter_kernels import ease, metric, survey, tally
+from safety.filters.filter_kernels import ease, metric, survey, tally
 from wbc.qp import UNBOUNDED
 
 

@@ -10,8 +10,9 @@ from scipy.integrate import solve_ivp
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.guarantee import (
+from safety.barriers.rows import FAMILIES
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.guarantee import (
     Promise,
     RowBound,
     cbf_bound,
@@ -21,7 +22,6 @@ from safety.guarantee import (
     promises,
     settle,
 )
-from safety.rows import FAMILIES
 
 DT = 0.002
 STEPS = 400

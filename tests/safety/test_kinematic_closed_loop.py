@@ -9,11 +9,11 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import ObstacleBarrier, standard_barriers
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import FilterStatus, SafetyFilter
-from safety.obstacles import Obstacle
-from safety.rows import FAMILIES
+from safety.barriers.barrier_set import ObstacleBarrier, standard_barriers
+from safety.barriers.rows import FAMILIES
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import FilterStatus, SafetyFilter
+from safety.geometry.shapes import Obstacle
 
 ALPHA, EPSILON = 10.0, 5.0
 PARAMETERS = BarrierParameters(**{f: FamilyParameters(ALPHA, EPSILON) for f in FAMILIES})

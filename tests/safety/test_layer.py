@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety.conditions import SET_MARGINS, BarrierParameters, FamilyParameters, RowParameters, cbf, ssa, sss
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import SET_MARGINS, BarrierParameters, FamilyParameters, RowParameters, cbf, ssa, sss
 
 ETA, LAYER, MARGIN, SLOPE = 0.3, 0.02, 0.05, 8.0
 

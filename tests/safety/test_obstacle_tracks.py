@@ -12,8 +12,8 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier
-from safety.obstacles import Obstacle
+from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier
+from safety.geometry.shapes import Obstacle
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _process_noise, _transition
 
 SETTINGS = TrackerSettings(position_noise=0.01, acceleration_noise=0.5, initial_speed=0.8, max_age=0.2, blending=0.0)

@@ -10,16 +10,16 @@ import pinocchio as pin
 import pytest
 
 from controllers.reference import reference_here
-from controllers.robot_config import controller_config
-from controllers.whole_body import WholeBodyController
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import Barrier, standard_barriers
-from safety.filters import KINDS, FilterStatus
-from safety.rows import FAMILIES
+from safety.barriers.barrier_set import Barrier, standard_barriers
+from safety.barriers.rows import FAMILIES
+from safety.filters.safety_filter import KINDS, FilterStatus
 
 PAGE = (Path(__file__).parents[2] / "docs" / "safety.md").read_text(encoding="utf-8")
 TILT = np.radians(15)

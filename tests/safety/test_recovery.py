@@ -7,10 +7,10 @@ import pytest
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.conditions import BarrierParameters, FamilyParameters, cbf
-from safety.filters import FilterResult, FilterStatus, SafetyFilter
-from safety.recovery import Recovery, RecoverySettings
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import BarrierParameters, FamilyParameters, cbf
+from safety.filters.recovery import Recovery, RecoverySettings
+from safety.filters.safety_filter import FilterResult, FilterStatus, SafetyFilter
 
 DT, ALPHA, DEPTH, SPEED, ACCELERATION = 0.002, 4.0, 0.005, 0.25, 2.0
 SETTINGS = RecoverySettings()

@@ -7,10 +7,10 @@ import pytest
 from scipy.optimize import linprog, nnls
 
 from robots.messages import Array
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import FilterResult, FilterStatus, SafetyFilter
-from safety.infeasibility import Candidates, minimal_conflict
-from safety.rows import FAMILIES, BarrierRows
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.conflict import Candidates, minimal_conflict
+from safety.filters.safety_filter import FilterResult, FilterStatus, SafetyFilter
 from wbc.qp import UNBOUNDED, make_solver
 
 OBSTACLE = FAMILIES.index("obstacle")

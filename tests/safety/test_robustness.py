@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.robustness import episodes, largest_epsilon, row_disturbance
+from safety.filters.robustness import episodes, largest_epsilon, row_disturbance
 
 DT = 0.002
 STEPS = 300

@@ -7,9 +7,9 @@ import pytest
 from scipy.optimize import linprog
 
 from robots.messages import Array
-from safety.condition_kernels import add_violated, least_shortfall, next_to_immovable
-from safety.kernels import all_numbers, obstacle_motion, room
-from safety.obstacles import Obstacle
+from safety.filters.condition_kernels import add_violated, least_shortfall, next_to_immovable
+from safety.geometry.contact_rows import all_numbers, obstacle_motion, room
+from safety.geometry.shapes import Obstacle
 
 
 @pytest.mark.parametrize("shape", [(0, 3), (1, 1), (7, 4), (979, 20), (979, 35)])

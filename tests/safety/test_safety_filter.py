@@ -10,10 +10,10 @@ from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import BarrierSet, standard_barriers
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import ACTIVE, CONDITIONS, FILTERS, KINDS, FilterResult, FilterStatus, SafetyFilter
-from safety.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.barriers.barrier_set import BarrierSet, standard_barriers
+from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import ACTIVE, CONDITIONS, FILTERS, KINDS, FilterResult, FilterStatus, SafetyFilter
 from wbc.qp import UNBOUNDED
 
 PARAMETERS = BarrierParameters(

@@ -11,11 +11,11 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import CONDITIONS, KINDS, FilterStatus, SafetyFilter
-from safety.obstacles import Obstacle
-from safety.rows import BarrierRows, HalfSpaces
+from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
+from safety.barriers.rows import BarrierRows, HalfSpaces
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.safety_filter import CONDITIONS, KINDS, FilterStatus, SafetyFilter
+from safety.geometry.shapes import Obstacle
 from wbc.qp import UNBOUNDED, make_solver
 
 PARAMETERS = BarrierParameters(

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety.conditions import NO_MARGINS, BarrierParameters, FamilyParameters, RowParameters, cbf
-from safety.filters import FILTERS, KINDS, FilterStatus, SafetyFilter
-from safety.rows import FAMILIES, BarrierRows
-from safety.second_order import acceleration_bounds, ecbf, ecbf_rows, index_rows, without_margin
+from safety.barriers.rows import FAMILIES, BarrierRows
+from safety.filters.conditions import NO_MARGINS, BarrierParameters, FamilyParameters, RowParameters, cbf
+from safety.filters.safety_filter import FILTERS, KINDS, FilterStatus, SafetyFilter
+from safety.filters.second_order import acceleration_bounds, ecbf, ecbf_rows, index_rows, without_margin
 
 OBSTACLE = FAMILIES.index("obstacle")
 NAMES = tuple(n for n in FILTERS if n != "none")

@@ -11,9 +11,15 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.rotation import rotation_from_rpy
-from safety.barriers import BarrierSet, CollisionBodies, ObstacleBarrier, SelfCollisionBarrier, standard_barriers
-from safety.obstacles import Obstacle
-from safety.rows import BarrierRows
+from safety.barriers.barrier_set import (
+    BarrierSet,
+    CollisionBodies,
+    ObstacleBarrier,
+    SelfCollisionBarrier,
+    standard_barriers,
+)
+from safety.barriers.rows import BarrierRows
+from safety.geometry.shapes import Obstacle
 
 KINDS = ("sphere", "capsule", "box", "half_space", "box")
 STEP = 2e-6

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety.rows import HalfSpaces
-from safety.second_phase import ROUNDING, SecondPhase, along, directions_left, fixed_by
-from safety.working_set import Problem
+from safety.barriers.rows import HalfSpaces
+from safety.filters.second_phase import ROUNDING, SecondPhase, along, directions_left, fixed_by
+from safety.filters.working_set import Problem
 from wbc.active_set import OPTIMAL
 from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED, make_solver

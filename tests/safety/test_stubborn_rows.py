@@ -5,12 +5,12 @@ import pytest
 from scipy.optimize import Bounds, minimize
 
 from robots.messages import Array
-from safety.conditions import BarrierParameters, FamilyParameters
-from safety.filters import FilterStatus, SafetyFilter
-from safety.resolutions import NearestQp
-from safety.rows import FAMILIES, BarrierRows, HalfSpaces
-from safety.second_phase import SecondPhase
-from safety.working_set import Problem
+from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.filters.conditions import BarrierParameters, FamilyParameters
+from safety.filters.resolutions import NearestQp
+from safety.filters.safety_filter import FilterStatus, SafetyFilter
+from safety.filters.second_phase import SecondPhase
+from safety.filters.working_set import Problem
 from wbc.qp import UNBOUNDED, make_solver
 
 OBSTACLE = FAMILIES.index("obstacle")

@@ -1,0 +1,142 @@
+"""Velocity commands over time: read from a file, or any function of time, and the gait that heeds them.
+
+The command of :class:`controllers.gaits.walking.Walking` may be set at any time, from wherever it comes::
+
+    walking = Walking(robot, walk_tuning(robot), state)
+    ...
+    walking.command = VelocityCommand(vx=0.2, wz=0.1)  # before any tick; heeded from the next step on
+    walking.apply(reference, t, state)
+"""
+
+import math
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.walking import Walking
+from controllers.reference import WholeBodyReference
+from robots.checks import require_non_negative
+from robots.errors import ConfigError
+from robots.messages import RobotState
+
+WORDS = {"stop": VelocityCommand(), "step": VelocityCommand(stepping=True)}
+"""Commands with a name."""
+
+LINE = "time [s] and vx [m/s], vy [m/s], wz [rad/s], or time and stop, or time and step"
+"""What a line of a script may hold."""
+
+CommandProfile = Callable[[float], VelocityCommand]
+"""The command at a time [s]."""
+
+
+class CommandScript:
+    """Commands that hold from their times on; before the first one the robot stands.
+
+    Args:
+        times: increasing, 0 or above [s].
+        commands: as many.
+
+    Raises:
+        ConfigError: the times do not rise, or are not as many as the commands.
+    """
+
+    def __init__(self, times: Sequence[float], commands: Sequence[VelocityCommand]) -> None:
+        if len(times) != len(commands) or not times:
+            raise ConfigError("times of a script", len(times), f"as many as commands ({len(commands)}), at least one")
+        for i, time in enumerate(times):
+            require_non_negative("time", time)
+            if i and time <= times[i - 1]:
+                raise ConfigError("time", time, f"after that of the command before it, {times[i - 1]:g} s")
+        self.times = tuple(times)
+        self.commands = tuple(commands)
+
+    def __call__(self, t: float) -> VelocityCommand:
+        """The command at ``t`` [s]."""
+        i = bisect_right(self.times, t + 1e-9)
+        return self.commands[i - 1] if i else VelocityCommand()
+
+
+def read_script(path: Path, check: Callable[[VelocityCommand], None] | None = None) -> CommandScript:
+    """Read a script: one command a line, ``#`` begins a comment, numbers are parted by blanks or commas.
+
+    A line holds a time and three velocities, or a time and ``stop`` (stand with the feet side by side) or ``step`` (on
+    the spot)::
+
+        1   0.3 0 0     # forward
+        8   step
+        12  stop
+
+    Args:
+        path: the file.
+        check: raises a ConfigError for a command that is not allowed; all are if not given.
+
+    Raises:
+        ConfigError: the file cannot be read, or a line is not allowed; names file, line and what is allowed.
+    """
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise ConfigError("script", str(path), f"a text file that can be read ({error})") from error
+    times: list[float] = []
+    commands: list[VelocityCommand] = []
+    for number, line in enumerate(lines, start=1):
+        if not (words := line.split("#")[0].replace(",", " ").split()):
+            continue
+        try:
+            time, command = _parse(words)
+            if check is not None:
+                check(command)
+            CommandScript([*times[-1:], time], [*commands[-1:], command])
+        except ConfigError as error:
+            allowed = f"{error.allowed} ({error.name} = {error.value!r})"
+            raise ConfigError(f"script {path}, line {number}", line.strip(), allowed) from error
+        times.append(time)
+        commands.append(command)
+    if not times:
+        raise ConfigError(f"script {path}", "no commands", "one command a line: " + LINE)
+    return CommandScript(times, commands)
+
+
+def _parse(words: list[str]) -> tuple[float, VelocityCommand]:
+    """Time and command of one line."""
+    try:
+        if len(words) == 2 and words[1] in WORDS:
+            return float(words[0]), WORDS[words[1]]
+        time, vx, vy, wz = map(float, words)
+    except ValueError as error:
+        raise ConfigError("line", " ".join(words), LINE) from error
+    return time, VelocityCommand(vx, vy, wz, stepping=vx == vy == wz == 0.0)
+
+
+class CommandedWalk:
+    """Walking whose command is a function of time: a gait.
+
+    Args:
+        walking: the gait that walks.
+        command: asked at every tick.
+    """
+
+    def __init__(self, walking: Walking, command: CommandProfile) -> None:
+        self.walking = walking
+        self.command = command
+
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+        """See :meth:`controllers.gaits.gait.Gait.apply`."""
+        self.walking.command = self.command(t)
+        self.walking.apply(reference, t, state)
+
+    def stop(self) -> None:
+        """See :meth:`controllers.gaits.gait.Gait.stop`."""
+        self.walking.stop()
+
+
+def between(command: CommandProfile, start: float, end: float) -> CommandProfile:
+    """The commands of ``command`` from ``start`` to ``end`` [s], and to stand before and after."""
+    if not (math.isfinite(start) and start <= end):
+        raise ConfigError("start, end", (start, end), "two times, the first one not the later")
+
+    def inside(t: float) -> VelocityCommand:
+        return command(t) if start - 1e-9 <= t < end - 1e-9 else VelocityCommand()
+
+    return inside

@@ -1,0 +1,1 @@
+"""Motions of the hands and the centre of mass."""

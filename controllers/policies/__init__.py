@@ -1,0 +1,1 @@
+"""Nominal policies of the kinematic benchmarks."""

@@ -1,0 +1,157 @@
+"""A start with an arm deep inside the torso: how every filter leaves it, with and without bounds on the way out."""
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from controllers.reference import reference_here
+from controllers.supervisor import Supervisor
+from controllers.whole_body.config import ControllerConfig
+from controllers.whole_body.controller import WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from experiments.cli.study_print import Runs, show_study
+from experiments.metrics.metric import Figure
+from experiments.scenarios.options import BenchOptions
+from robots.description import RobotDescription
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import Array
+from robots.pinocchio_model import standing_configuration
+from safety.barriers.barrier_set import standard_barriers
+from safety.filters.safety_filter import FilterStatus
+from sims.plant import MujocoPlant, PlantConfig
+
+STARTS: Mapping[str, Mapping[str, float]] = {
+    "g1": {
+        "left_shoulder_yaw_joint": -0.72,
+        "right_shoulder_yaw_joint": 0.72,
+        "left_shoulder_pitch_joint": -0.3,
+        "right_shoulder_pitch_joint": -0.3,
+        "left_elbow_joint": 0.0,
+        "right_elbow_joint": 0.0,
+    },
+    "tocabi": {"L_Armlink_Joint": -0.2},
+}
+"""Joints that differ from the posture ``hands_front`` [rad]: more than 10 cm inside the torso."""
+
+FILTERS = ("cbf", "issf", "ssa", "rssa")
+"""Filters that are shown."""
+
+DURATION = 1.5
+"""Of each run [s]."""
+
+TITLE = f"a start inside the torso, {DURATION:g} s"
+"""Of the table."""
+
+COLUMNS = (
+    Figure("robot", "robot"),
+    Figure("filter", "filter"),
+    Figure("way_out", "way out"),
+    Figure("h_start_m", "h, start", "mm", 1e3),
+    Figure("step_max", "step of the command, max", "rad/s"),
+    Figure("speed_max", "command, max", "rad/s"),
+    Figure("torque_step_max", "torque step / limit", "%", 1e2),
+    Figure("torque_max", "torque / limit", "%", 1e2),
+    Figure("out_s", "h > -5 mm from", "s"),
+    Figure("h_end_m", "h, end", "mm", 1e3),
+)
+
+
+def bench_recovery(options: BenchOptions) -> int:
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(recovery_study, recovery_plot, "leaving the torso", TITLE, COLUMNS, options.out)
+    return 0
+
+
+def recovery_study(
+    robots: Sequence[str] = tuple(STARTS), filters: Sequence[str] = FILTERS, duration: float = DURATION
+) -> list[tuple[Any, Any]]:
+    """Figures and series of every robot and filter, strict and eased."""
+    runs: list[tuple[Any, Any]] = []
+    for name in robots:
+        robot = load_robot(name)
+        for filter_name in filters:
+            eased = controller_config(robot, filter=filter_name)
+            strict = dataclasses.replace(eased, safety=dataclasses.replace(eased.safety, recovery_weight=0.0))
+            for way_out, config in (("strict", strict), ("eased", eased)):
+                series = leave_collision(robot, config, duration)
+                case = {"robot": name, "filter": filter_name, "way_out": way_out}
+                runs.append((case | recovery_figures(series, config), series))
+    return runs
+
+
+def leave_collision(robot: RobotDescription, config: ControllerConfig, duration: float = DURATION) -> dict[str, Array]:
+    """Run one start; the reference is to stay where it is.
+
+    Returns:
+        By name, a row per tick: ``time`` [s]; ``h``, the smallest of all barriers [m, rad]; ``v`` (n, nv), the command;
+        ``failed``, whether filter or DynWBC had no answer. A row per physics step: ``torque`` (m, nj), shares of the
+        limits.
+    """
+    plant = MujocoPlant(robot, PlantConfig(), np.random.default_rng(0))
+    q = standing_configuration(robot, "hands_front")
+    for joint, value in STARTS[robot.name].items():
+        q[7 + robot.joint_names.index(joint)] = value
+    plant.reset(q)
+    controller = WholeBodyController(robot, config, with_hands=False)
+    supervisor, state = Supervisor(controller), plant.measured_state()
+    controller.reset(state)
+    controller.kin.update(state.q, state.v)
+    reference = reference_here(controller.kin, with_hands=False)
+    kin = Kinematics(robot)
+    barriers = standard_barriers(kin, ())
+    ticks: list[dict[str, Any]] = []
+    torque = []
+    for k in range(round(duration / config.dt)):
+        state = plant.measured_state()
+        kin.update(state.q, state.v)
+        command, result = supervisor.tick(state, reference, ())
+        failed = result is None or result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
+        v = np.zeros(kin.nv) if result is None else result.safety.v
+        ticks.append({"time": k * config.dt, "h": barriers.evaluate(kin).h.min(), "v": v, "failed": failed})
+        plant.send(command)
+        for _ in range(round(config.dt / plant.config.dt)):
+            plant.step()
+            torque.append(plant.torque / plant.effort)
+    return {key: np.array([tick[key] for tick in ticks]) for key in ticks[0]} | {"torque": np.array(torque)}
+
+
+def recovery_figures(series: Mapping[str, Array], config: ControllerConfig) -> dict[str, Any]:
+    """Figures of one run of :func:`leave_collision`; ``out_s`` is ``None`` where it is not out at the end."""
+    deep = np.flatnonzero(series["h"] < -config.safety.self_collision.recovery_depth)
+    last = int(deep[-1]) + 1 if deep.size else 0
+    return {
+        "h_start_m": float(series["h"][0]),
+        "step_max": float(np.abs(np.diff(series["v"], axis=0)).max()),
+        "speed_max": float(np.abs(series["v"]).max()),
+        "torque_step_max": float(np.abs(np.diff(series["torque"], axis=0)).max()),
+        "torque_max": float(np.abs(series["torque"]).max()),
+        "out_s": last * config.dt if last < len(series["h"]) else None,
+        "h_end_m": float(series["h"][-1]),
+    }
+
+
+def recovery_plot(runs: Runs, filters: Sequence[str] = ("issf", "ssa")) -> bytes:
+    """The smallest h and the largest step of the command over time, strict and eased; a PNG."""
+    from experiments.reports.plot_style import FILTERED, finish, new_figure, shared_legend
+
+    robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
+    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
+    upper, lower = axes[: len(robots)], axes[len(robots) :]
+    for axis, robot in zip(upper, robots, strict=True):
+        axis.set_title(robot)
+    for figures, series in runs:
+        if figures["filter"] not in filters:
+            continue
+        column, colour = robots.index(figures["robot"]), FILTERED[filters.index(figures["filter"])]
+        style: dict[str, Any] = {"color": colour, "lw": 1.3, "ls": "-" if figures["way_out"] == "eased" else ":"}
+        label = f"{figures['filter']}, {figures['way_out']}"
+        upper[column].plot(series["time"], 1e3 * series["h"], label=label, **style)
+        steps = np.abs(np.diff(series["v"], axis=0)).max(axis=1)
+        lower[column].semilogy(series["time"][1:], np.maximum(steps, 1e-5), **style)
+    upper[0].set_ylabel("smallest h [mm]")
+    lower[0].set_ylabel("step of the command [rad/s]")
+    shared_legend(drawing, upper[0], 4)
+    return finish(drawing, lower)

@@ -1,0 +1,121 @@
+"""Hands sent a metre out of reach: what the commanded velocity does where arms go straight, damped and cut."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from experiments.cli.study_print import Runs, show_study
+from experiments.metrics.metric import Figure
+from experiments.scenarios.hand_tracking import run_hand_tracking
+from experiments.scenarios.options import BenchOptions, FilterOptions, HandTrackingOptions
+from robots.messages import Array
+
+TARGETS: Mapping[str, tuple[float, float, float]] = {
+    "up": (0.2, 0.2, 1.2),
+    "out": (0.2, 1.3, 0.1),
+    "ahead": (1.3, 0.2, 0.1),
+}
+"""Where the left hand is sent, from the torso's frame [m]; the right hand mirrors it."""
+
+ROBOTS = ("g1", "tocabi")
+FILTERS = ("none", "issf")
+WAYS = ("cut", "damped")
+"""Robots, safety filters and forms of KinWBC that are run."""
+
+DURATION = 5.0
+"""Of each run [s]."""
+
+LIMIT = 0.3
+"""Steps of the command above this count as jumps [rad/s]."""
+
+TITLE = f"hands out of reach, {DURATION:g} s"
+"""Of the table."""
+
+COLUMNS = (
+    Figure("robot", "robot"),
+    Figure("target", "target"),
+    Figure("filter", "filter"),
+    Figure("singular", "singular values"),
+    Figure("step_max", "step of the command, max", "rad/s"),
+    Figure("jumps", f"ticks with more than {LIMIT:g} rad/s"),
+    Figure("step_end", "the same in the last second, max", "rad/s"),
+    Figure("torque_step_max", "torque step / limit", "%", 1e2),
+    Figure("torque_max", "torque / limit", "%", 1e2),
+)
+
+
+def bench_straight(options: BenchOptions) -> int:
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(straight_study, straight_plot, "sending the hands away", TITLE, COLUMNS, options.out)
+    return 0
+
+
+def straight_study(
+    robots: Sequence[str] = ROBOTS,
+    targets: Sequence[str] = tuple(TARGETS),
+    filters: Sequence[str] = FILTERS,
+    duration: float = DURATION,
+) -> list[tuple[dict[str, Any], dict[str, Array]]]:
+    """Figures and series of every robot, target and filter, with singular values cut off and damped."""
+    runs: list[tuple[dict[str, Any], dict[str, Array]]] = []
+    for robot in robots:
+        for target in targets:
+            for name in filters:
+                for way in WAYS:
+                    options = HandTrackingOptions(
+                        robot=robot,
+                        duration=duration,
+                        motion="target",
+                        target=TARGETS[target],
+                        singular=way,
+                        safety=FilterOptions(filter=name),
+                    )
+                    result = run_hand_tracking(options)
+                    case = {"robot": robot, "target": target, "filter": name, "singular": way}
+                    figures = step_figures(result.series, result.config["controller"]["dt"])
+                    figures["torque_step_max"] = result.summary["torque_step_max"]
+                    figures["torque_max"] = result.summary["max_torque_fraction"]
+                    runs.append((case | figures, dict(result.series)))
+    return runs
+
+
+def step_figures(series: Mapping[str, Array], dt: float) -> dict[str, Any]:
+    """How much the joints' commanded velocity changes from tick to tick, in a run with ticks of ``dt`` [s]."""
+    steps = command_steps(series)
+    return {
+        "step_max": float(steps.max()),
+        "jumps": int((steps > LIMIT).sum()),
+        "step_end": float(steps[-round(1.0 / dt) :].max()),
+    }
+
+
+def command_steps(series: Mapping[str, Array]) -> Array:
+    """Largest change of a joint's commanded velocity from each tick to the next, shape (ticks - 1,) [rad/s]."""
+    steps: Array = np.abs(np.diff(series["v_safe"][:, 6:], axis=0)).max(axis=1)
+    return steps
+
+
+def straight_plot(runs: Runs, target: str = "up") -> bytes:
+    """Commanded velocity of the left elbow and largest step of all joints' over time, without a filter; a PNG."""
+    from experiments.reports.plot_style import FILTERED, finish, new_figure, shared_legend
+    from robots.loader import load_robot
+
+    robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
+    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
+    upper, lower = axes[: len(robots)], axes[len(robots) :]
+    for axis, robot in zip(upper, robots, strict=True):
+        axis.set_title(robot)
+    for figures, series in runs:
+        if figures["filter"] != "none" or figures["target"] != target:
+            continue
+        column, colour = robots.index(figures["robot"]), FILTERED[1 - WAYS.index(figures["singular"])]
+        names = load_robot(figures["robot"]).joint_names
+        elbow = next(i for i, n in enumerate(names) if "elbow" in n.lower() and n.lower().startswith("l"))
+        style = {"color": colour, "lw": 1.0, "label": figures["singular"]}
+        upper[column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
+        lower[column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
+    upper[0].set_ylabel("left elbow, command [rad/s]")
+    lower[0].set_ylabel("step of the command [rad/s]")
+    shared_legend(drawing, upper[0], 2)
+    return finish(drawing, lower)

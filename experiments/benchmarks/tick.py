@@ -1,0 +1,152 @@
+"""Benchmarks; that of the tick: stage by stage, over the states of a recorded run."""
+
+import gc
+import json
+import os
+import platform
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+
+from controllers.motions.hands import HandCircles, circle_settings
+from controllers.reference import WholeBodyReference, reference_here
+from controllers.whole_body.controller import STAGES, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from experiments.running.warmup import warm_up
+from experiments.scenarios.hand_tracking import start_posture
+from experiments.scenarios.options import BenchOptions
+from robots.checks import require_between, require_one_of
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.loader import load_robot
+from robots.messages import Array, RobotState
+from robots.mujoco_spec import PhysicalChanges
+from robots.pinocchio_model import standing_configuration
+from safety.filters.safety_filter import FILTERS
+from sims.plant import MujocoPlant, PlantConfig
+
+TICKS = 5000
+"""Ticks to measure if not said otherwise."""
+
+WARM_UP = 100
+"""Ticks run and not counted."""
+
+OF_TICK = ("robots", "filter", "solver")
+OF_NONE = (*OF_TICK, "filters", "ticks")
+
+BENCHMARKS = {
+    "tick": ("benchmarks.tick", "bench_tick", ("filters",)),
+    "first": ("benchmarks.first", "bench_first", ("filters", "solver", "ticks")),
+    "rows": ("benchmarks.rows", "bench_rows", ("filters",)),
+    "worst": ("benchmarks.worst", "bench_worst", ("filters",)),
+    "loop": ("benchmarks.loop", "bench_loop", ("filters", "solver", "ticks")),
+    "filters": ("benchmarks.filter_bench", "bench_filters", OF_TICK),
+    "peers": ("benchmarks.peers", "bench_peers", (*OF_TICK, "filters")),
+    "tracking": ("benchmarks.tracking", "bench_tracking", OF_NONE),
+    "recovery": ("benchmarks.recovery", "bench_recovery", OF_NONE),
+    "straight": ("benchmarks.straight_arms", "bench_straight", OF_NONE),
+}
+"""Module and function of each benchmark, and the options that it does not use."""
+
+
+def bench(options: BenchOptions) -> int:
+    """Measure what was asked for; returns 0.
+
+    Raises:
+        ConfigError: an option that is not used is given, or ``out`` is no file that can be written.
+    """
+    module, function, unused = BENCHMARKS[options.what]
+    for name in unused:
+        if getattr(options, name) != getattr(BenchOptions, name):
+            raise ConfigError(name, getattr(options, name), f"left out: bench {options.what} does not use it")
+    if options.out is not None and (options.out.is_dir() or not os.access(options.out.parent, os.W_OK)):
+        raise ConfigError("out", str(options.out), "a file in a folder that can be written")
+    return int(getattr(import_module(f"experiments.{module}"), function)(options))
+
+
+def bench_tick(options: BenchOptions) -> int:
+    """Measure one control tick of every robot and print the table; returns 0."""
+    ticks = TICKS if options.ticks is None else options.ticks
+    require_between("ticks", ticks, 100, 1_000_000)
+    require_one_of("filter", options.filter, FILTERS)
+    robots = [load_robot(name) for name in options.robots]
+    if not robots:
+        raise ConfigError("robots", options.robots, "at least one robot")
+    console = Console()
+    figures: dict[str, Any] = {}
+    table = Table(title=f"one tick in microseconds over {ticks} ticks, filter {options.filter}")
+    table.add_column("stage")
+    for robot in robots:
+        warm_up(console, robot)
+        table.add_column(f"{robot.name} median", justify="right")
+        table.add_column("p99", justify="right")
+        with console.status(f"{robot.title}: recording a run, then replaying it"):
+            figures[robot.name] = stage_figures(measure(robot, options, ticks))
+    for stage in (*STAGES, "total"):
+        cells = [f"{figures[r.name][stage][k]:.1f}" for r in robots for k in ("median_us", "p99_us")]
+        table.add_row(stage, *cells, style="bold" if stage == "total" else None)
+    console.print(table)
+    console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
+    if options.out is not None:
+        Path(options.out).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
+    return 0
+
+
+def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:
+    """Stage times (ticks, len(STAGES)) [s] of the hand-tracking run at +20 % mass, replayed without the plant."""
+    controller, reference, motion = prepared(robot, options)
+    states = recorded(controller, reference, motion, ticks + WARM_UP)
+    controller, reference, motion = prepared(robot, options)
+    out = np.zeros((len(states), len(STAGES)))
+    gc.collect()
+    for i, state in enumerate(states):
+        motion.apply(reference, state.stamp)
+        out[i] = controller.tick(state, reference).stage_seconds
+    return out[WARM_UP:]
+
+
+def prepared(
+    robot: RobotDescription, options: BenchOptions
+) -> tuple[WholeBodyController, WholeBodyReference, HandCircles]:
+    """A controller, and what the hands are to do with it: circles through the torso."""
+    config = controller_config(robot, filter=options.filter, dynwbc_solver=options.solver)
+    controller = WholeBodyController(robot, config, with_hands=True)
+    kin = controller.kin
+    kin.update(standing_configuration(robot, start_posture(robot)), np.zeros(kin.nv))
+    reference = reference_here(kin, with_hands=True)
+    assert reference.hands is not None
+    left, right = reference.hands
+    motion = HandCircles(circle_settings(robot), (left.position.copy(), right.position.copy()))
+    return controller, reference, motion
+
+
+def recorded(
+    controller: WholeBodyController, reference: WholeBodyReference, motion: HandCircles, ticks: int
+) -> list[RobotState]:
+    """The states of a run at +20 % mass, of as many ticks."""
+    plant_settings = PlantConfig(changes=PhysicalChanges(mass_scale=1.2))
+    plant = MujocoPlant(controller.robot, plant_settings, np.random.default_rng(0))
+    plant.reset(standing_configuration(controller.robot, start_posture(controller.robot)))
+    controller.reset(plant.true_state())
+    states = []
+    for _ in range(ticks):
+        state = plant.true_state()
+        states.append(state)
+        motion.apply(reference, state.stamp)
+        plant.send(controller.tick(state, reference).command)
+        for _ in range(round(controller.config.dt / plant_settings.dt)):
+            plant.step()
+    return states
+
+
+def stage_figures(times: Array) -> dict[str, dict[str, float]]:
+    """Median and 99th percentile [us] of each stage and of their total, from times (ticks, len(STAGES)) [s]."""
+    columns = dict(zip(STAGES, times.T, strict=True)) | {"total": times.sum(axis=1)}
+    return {
+        name: {"median_us": 1e6 * float(np.median(t)), "p99_us": 1e6 * float(np.percentile(t, 99))}
+        for name, t in columns.items()
+    }

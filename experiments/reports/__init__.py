@@ -1,0 +1,1 @@
+"""Plots, pages and films of recordings."""

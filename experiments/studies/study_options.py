@@ -1,0 +1,152 @@
+"""Options of the studies, which are made of many runs; nothing heavy is imported here."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated
+
+import tyro
+
+from experiments.scenarios.options import PlantOptions, RunOptions
+
+SECTIONS = ("taichi", "lateral-steps", "walks", "speed", "pushes", "obstacle", "random-walks", "ticks")
+"""Sections of the locomotion table, in the order in which they are made."""
+
+STANCES = ("standing", "one-leg", "walking")
+"""What a robot does when it is pushed."""
+
+
+@dataclass(frozen=True)
+class RandomWalkOptions(RunOptions):
+    """Walk with everything drawn from --seed: masses, friction, sensor noise, delay, commands, pushes."""
+
+    duration: float = 20.0
+    """Simulated time [s]."""
+    plant: Annotated[PlantOptions, tyro.conf.Suppress] = field(default_factory=PlantOptions)
+    """Drawn from the seed: not an option."""
+
+
+@dataclass(frozen=True)
+class RandomWalksOptions:
+    """Many random walks side by side: who falls, and when. --seed of `run random-walk` makes one of them again."""
+
+    robot: str = "g1"
+    """Robot: g1, tocabi, or the path of a .toml description."""
+    runs: int = 50
+    """How many, with seeds from --first-seed on [-]."""
+    first_seed: int = 0
+    """Seed of the first one [-]."""
+    duration: float = 20.0
+    """Simulated time of each [s]."""
+    jobs: int = 2
+    """Runs at a time [-]."""
+    out: Path | None = None
+    """Folder with configuration and summary of each run; runs/random-walks-<time> if not given."""
+
+
+@dataclass(frozen=True)
+class PushSearchOptions:
+    """How strong a push of 0.1 s at the torso the robot survives: not fallen four seconds after it."""
+
+    robots: tuple[str, ...] = ("g1", "tocabi")
+    """Robots: g1, tocabi, or paths of .toml descriptions."""
+    stances: tuple[str, ...] = STANCES
+    """What they do: standing, one-leg (TAICHI, pushed at 17 s) or walking (0.2 m/s forward)."""
+    directions: tuple[str, ...] = ("forward", "sideways")
+    """Where to: forward or sideways; sideways is the weaker of left and right."""
+    mass_scale: float = 1.0
+    """Factor on every mass of the simulated robot; the controller keeps its nominal model [-]."""
+    resolution: float = 0.02
+    """Step of the impulses that are tried, per mass of the simulated robot [N s/kg]."""
+    largest: float = 0.6
+    """Largest impulse that is tried, per mass of the simulated robot [N s/kg]."""
+    jobs: int = 2
+    """Runs at a time [-]."""
+    out: Path | None = None
+    """Folder with configuration and summary of each run; runs/pushes-<time> if not given."""
+
+
+@dataclass(frozen=True)
+class LocomotionTableOptions:
+    """Make every run that the page on locomotion quotes, and print its tables as Markdown.
+
+    About three quarters of an hour on two cores.
+    """
+
+    only: tuple[str, ...] = SECTIONS
+    """Sections to make: taichi, lateral-steps, walks, speed, pushes, obstacle, random-walks, ticks."""
+    quick: bool = False
+    """Fewer and shorter runs, to see that all is well: some minutes."""
+    series: bool = True
+    """Keep the time series of every run but those of speed, pushes and random-walks: some 2 GB. Configuration and
+    summary are always kept."""
+    jobs: int = 2
+    """Runs at a time [-]."""
+    out: Path | None = None
+    """Folder of the runs, each in a folder of its own; runs/locomotion-table-<time> if not given."""
+
+
+@dataclass(frozen=True)
+class TuneOptions:
+    """Choose alpha and epsilon of every constraint family from the disturbance that reaches it.
+
+    Runs a set of scenarios on the robot at the edges of what it is to withstand, measures what it does beyond what the
+    filter asked of it, row by row, and takes the largest epsilon for which every barrier keeps its margin. Every run
+    takes the file that is written: --tuning FILE.
+    """
+
+    robot: str = "g1"
+    """Robot: g1, tocabi, or the path of a .toml description."""
+    masses: tuple[float, float] = (0.8, 1.3)
+    """Factors on all masses, the least and the largest to withstand [-]."""
+    joint_friction: tuple[float, float] = (0.0, 2.0)
+    """Factors on the joints' dry and viscous friction, the least and the largest to withstand [-]."""
+    payload: float = 1.0
+    """Mass in each hand that the model does not know of [kg]."""
+    delay: float = 0.004
+    """Time from command to torque [s]."""
+    margin: float = 0.004
+    """Distance to keep under all of that [m]; motions that are not among the scenarios take half of it."""
+    margin_angle: float = 0.01
+    """The same of joint limits [rad]."""
+    alphas: tuple[float, ...] = (3.0, 5.0, 8.5)
+    """Slopes to try; one above what motors can follow without overshoot, a quarter of their bandwidth, is left out
+    [1/s]."""
+    rounds: int = 6
+    """Most rounds of runs: the first tries every slope, each further one makes sure of what was proposed [-]."""
+    only: tuple[str, ...] = ()
+    """Families to tune, the others stay as they are: joint_limit, self_collision, leg_collision, obstacle, workspace;
+    all if not given."""
+    start: Path | None = None
+    """File of parameters to start from; the robot's own if not given."""
+    jobs: int = 2
+    """Runs at a time [-]."""
+    out: Path | None = None
+    """Folder of tuning.toml; runs/tune-<time> if not given."""
+
+
+@dataclass(frozen=True)
+class RobustnessOptions:
+    """Random runs with the hands and feet in conflict: how often a true barrier falls below zero, and the hands' error.
+
+    Targets in the torso, circles through it, hands that change places, a sphere that passes them, side steps and walks,
+    other ones than those that the parameters were tuned with. Of each seed everything is drawn: mass x0.8 to 1.3 (of
+    robots that walk 0.85 to 1.25), friction of the joints x0 to 2, delay 0 to 4 ms, 0 to 1 kg in each hand; radius,
+    speed, height and side of the sphere. Side steps differ from those of tuning in robot and seed only.
+    """
+
+    robots: tuple[str, ...] = ("g1", "tocabi")
+    """Robots: g1, tocabi, or paths of .toml descriptions."""
+    parameters: tuple[str, ...] = ("before", "own")
+    """Sets of parameters to compare: own (the robot's), before (alpha 5 and epsilon 2 and the other guesses that came
+    before tuning, g1 and tocabi only), adaptive (those of before, epsilon adapted while running), own-adaptive (the
+    robot's, adapted likewise), or paths of files as `safewbc tune` writes them."""
+    scenarios: tuple[str, ...] = ("target", "circles", "cross", "obstacle", "steps")
+    """What happens: target, circles, cross, obstacle, steps."""
+    seeds: int = 20
+    """How many, from --first-seed on [-]."""
+    first_seed: int = 1
+    """The first one; the runs of tuning have seed 0 [-]."""
+    jobs: int = 2
+    """Runs at a time [-]."""
+    out: Path | None = None
+    """Folder of rows.jsonl, one line per run as it ends; runs/robustness-<time> if not given."""

@@ -1,0 +1,1 @@
+"""Filters: conditions on the input, and resolutions that say which input is taken."""

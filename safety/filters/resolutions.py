@@ -1,0 +1,286 @@
+"""Resolutions: which input is taken, given the conditions."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from robots.checks import all_finite
+from robots.messages import Array, Indices
+from safety.barriers.rows import BarrierRows
+from safety.filters.condition_kernels import least_shortfall, next_to_immovable
+from safety.filters.conflict import Candidates
+from safety.filters.second_phase import SLACK_PULL, SecondPhase
+from safety.filters.working_set import BEYOND, Optimum, Problem, WorkingSetQp
+from wbc.active_set import OPTIMAL
+from wbc.least_slack import LeastSlack
+from wbc.qp import UNBOUNDED
+
+LEVER = 1e-4
+"""A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
+next to immovable,"""
+
+EASE = 1e-3
+"""and given up where that change is also at most this share of what the row is short of at its best."""
+
+CERTAIN = 1e-7
+"""Conditions certainly cannot hold where every input violates one by more than this [m/s, rad/s]."""
+
+RANK = 1e-9
+"""Share of the largest singular value below which a direction of a point's motion counts as out of reach."""
+
+INFEASIBLE = ("least_slack", "unsafe_pass_nominal")
+"""What is done where no velocity satisfies the conditions; the second is the papers' naive baseline."""
+
+
+@dataclass(frozen=True, slots=True)
+class Resolved:
+    """What a resolution found.
+
+    Attributes:
+        v: shape (nv,) input between its bounds; ``None`` where no solver had an answer.
+        unsafe: whether it is the nominal input, because no solution was found.
+        candidates: rows among which the conflict is; ``None`` where there is none.
+        cause: why there is no v, where more can be said than that.
+        spent: whether v is the best that was found before a budget was spent, or as far as rounding let it be found:
+            between its bounds, but not proved to be the one that the resolution asks for.
+    """
+
+    v: Array | None
+    unsafe: bool = False
+    candidates: Candidates | None = None
+    cause: str = ""
+    spent: bool = False
+
+
+class Resolution(Protocol):
+    """Finds an input for one tick's problem."""
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        """Find it; ``rows`` are those that the conditions were made of."""
+        ...
+
+
+class NearestQp:
+    r"""The nearest input that satisfies the conditions; where there is none, what ``infeasible`` says.
+
+    ``least_slack`` takes two phases, as p-SSA does:
+
+    .. math:: s^* = \arg\min_s \tfrac12 \|s\|^2 \;\text{s.t.}\; A v \ge b - s,\; v_{min} \le v \le v_{max};
+        \qquad v = \arg\min_v \|v - v^{des}\|_H^2 \;\text{s.t.}\; A v \ge b - s^*,\; v_{min} \le v \le v_{max}
+
+    Where the conditions can hold s* is zero, so the first phase is done only where they cannot. Source: eqs. (12),
+    (13) of the p-SSA paper with p = 2 and unit weights; eq. (33) of Lee et al. where the conditions can hold.
+
+    A row that cannot hold and that nothing moves to speak of (``LEVER``, ``EASE``) is left out of both phases and stays
+    violated: its compromise with the others would be full speed, in a direction that rounding decides, for next to
+    nothing. So the slack is the least to within
+
+    .. math:: \|s\| \le (1 + \mathrm{EASE}) \|s^*\|
+
+    and each row left out is short of at most ``LEVER`` times the widest bound's range more than at its best. Without
+    such rows it is the least, to rounding (``SLACK_PULL`` and ``ROUNDING`` of :mod:`safety.filters.second_phase`).
+    Should rounding leave the second phase without an answer, that of the first is taken.
+
+    After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
+    slack does not prove that they cannot: the answer is the same, only sooner.
+
+    Everything has a budget (``ROUNDS`` of :mod:`wbc.active_set`, ``STEPS`` of :mod:`wbc.least_slack`, ``PASSES`` of
+    :mod:`safety.filters.working_set`). The first phase is at every step at an input between the bounds, with less slack
+    than before; so where a budget is spent that one is taken, and :attr:`Resolved.spent` says so.
+
+    ``unsafe_pass_nominal`` returns the nominal input, clipped to its bounds: the naive baseline of sec. V-C there.
+    """
+
+    def __init__(self, nv: int, n_rows: int, infeasible: str = "least_slack") -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``infeasible``: one of ``INFEASIBLE``."""
+        self._pass_nominal = infeasible == "unsafe_pass_nominal"
+        self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
+        self._hard = WorkingSetQp(nv, n_rows)
+        self._soft = Compromise(nv, n_rows)
+        self._second = SecondPhase(nv, n_rows)
+        self._conflict = False
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        """See :meth:`Resolution.resolve`."""
+        if self._conflict:
+            return self._compromise(problem, None)
+        hard = self._hard.solve(problem, problem.spaces.b)
+        if hard.v is not None:
+            return Resolved(hard.v)
+        if self._pass_nominal:
+            return Resolved(problem.clipped(), True, _copy(problem, hard.working))
+        return self._compromise(problem, hard)
+
+    def _compromise(self, problem: Problem, hard: Optimum | None) -> Resolved:
+        """Both phases; ``hard``: what became of the hard conditions, ``None`` where that was not tried."""
+        A, b, bounds = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, (problem.lower, problem.upper)
+        lost = next_to_immovable(A, b, *bounds, LEVER, EASE)
+        if lost.size:
+            b = b.copy()
+            b[lost] = -UNBOUNDED
+        soft = A, b, self._weights
+        proved, v = self._soft.solve(problem, self._pull, problem.clipped(), soft, direct=True)
+        short = self._soft.short
+        certain = least_shortfall(A, b, *bounds, short) > CERTAIN
+        if not certain and (lost.size or hard is None):
+            hard = self._hard.solve(problem, b)
+            if hard.v is not None:
+                self._conflict = lost.size > 0
+                return Resolved(hard.v, False, _copy(problem, self._hard.working(), lost) if lost.size else None)
+        if not proved:
+            proved, v = self._soft.go_on()
+            certain = certain or least_shortfall(A, b, *bounds, short) > CERTAIN
+        self._conflict = True
+        candidates = _copy(problem, np.flatnonzero(short > -BEYOND), lost)
+        nearest = self._second.solve(problem, A, short, v)
+        unknown = not certain and hard is not None and hard.spent
+        spent = not proved or nearest is None or unknown
+        return Resolved(v if nearest is None else nearest, False, candidates, spent=spent)
+
+
+class Compromise:
+    """The input of least cost between its bounds where violation costs; searched from that of the last tick.
+
+    Attributes:
+        short: shape (n_rows,) by how much the conditions were violated at the last answer, below 0 where they held.
+    """
+
+    def __init__(self, nv: int, n_rows: int) -> None:
+        """For ``nv`` variables and ``n_rows`` rows."""
+        self._search = LeastSlack(nv, n_rows)
+        self._no_rows, self._last = np.zeros((0, nv)), np.full(nv, np.nan)
+        self._bounds = self._last, self._last
+        self.short = self._search.short
+
+    def solve(
+        self,
+        problem: Problem,
+        hessian: Array,
+        centre: Array,
+        soft: tuple[Array, Array, Array],
+        *,
+        direct: bool = False,
+    ) -> tuple[bool, Array]:
+        """Whether the optimum was proved, and the input (nv,), new.
+
+        Args:
+            problem: its bounds are read.
+            hessian: shape (nv, nv), metric of half the squared distance to ``centre``.
+            centre: shape (nv,).
+            soft: rows (n_rows, nv), their right-hand sides and the weights of half their squared violation.
+            direct: whether to make a few steps only; where they prove no optimum, :meth:`go_on` looks further.
+        """
+        lower, upper = self._bounds = problem.lower, problem.upper
+        start = np.minimum(np.maximum(self._last, lower), upper)
+        if not all_finite(start):
+            start = problem.clipped()
+        gradient = -(hessian @ centre)
+        return self._kept(
+            *self._search.solve(hessian, gradient, soft, self._no_rows, lower, upper, start, direct=direct)
+        )
+
+    def go_on(self) -> tuple[bool, Array]:
+        """The rest of :meth:`solve`, for the problem that it was given last."""
+        return self._kept(*self._search.go_on())
+
+    def _kept(self, outcome: int, v: Array) -> tuple[bool, Array]:
+        lower, upper = self._bounds
+        self._last = np.minimum(np.maximum(v, lower), upper)
+        return outcome == OPTIMAL, self._last
+
+
+class SlackQp:
+    r"""The input that trades distance to the nominal one against violation.
+
+    .. math:: \min_{v, s} \|v - v^{des}\|_H^2 + \tfrac12 \sum_i Q_i s_i^2
+        \quad\text{s.t.}\quad A v \ge b - s,\; v_{min} \le v \le v_{max}
+
+    There is always an answer, and it may violate conditions that could be held. Source: eq. (10) of the p-SSA paper
+    with p = 2.
+    """
+
+    def __init__(self, nv: int, n_rows: int, slack_weight: Array) -> None:
+        """For ``nv`` variables and ``n_rows`` rows; ``slack_weight``: Q, shape (n_rows,)."""
+        # the search's objective is half of both terms: 1/2 |v - v_des|^2 + 1/2 (Q/2) s^2
+        self._weights = 0.5 * slack_weight
+        self._search = Compromise(nv, n_rows)
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        """See :meth:`Resolution.resolve`."""
+        soft = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, self._weights
+        proved, v = self._search.solve(problem, problem.hessian, problem.v_des, soft)
+        working = np.flatnonzero((self._search.short > -BEYOND) | problem.violated)
+        return Resolved(v, False, _copy(problem, working), spent=not proved)
+
+
+class CartesianPush:
+    r"""Potential field: the point of the worst row is pushed along its normal.
+
+    .. math:: v = v^{des} + J_c^{+} c\,\hat n
+
+    :math:`J_c^+` is the pseudo-inverse of least change in the metric H (for H = I that of Moore and Penrose). SPARK
+    takes :math:`J_c^+ (J_c v^{des} + c\,\hat n)` instead, which also discards whatever the nominal motion does without
+    moving the point: all of the posture. Source: eqs. (8)-(10) of SPARK.
+    """
+
+    def __init__(self, push: Array) -> None:
+        """``push``: c of each row [m/s], shape (n_rows,)."""
+        self._push = push
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        """See :meth:`Resolution.resolve`."""
+        if (i := _pushed_row(problem)) is None:
+            return Resolved(problem.clipped())
+        jac, direction = (rows.jac[i : i + 1], np.ones(1)) if rows.cartesian is None else rows.cartesian(i)
+        if jac.ndim != 2 or jac.shape[1] != problem.v_des.size or direction.shape != jac.shape[:1]:
+            shapes = f"shapes {jac.shape} and {direction.shape}, expected (k, {problem.v_des.size}) and (k,)"
+            return Resolved(None, cause=f"Jacobian and direction of row {i}'s point have {shapes}")
+        towards = np.linalg.solve(problem.hessian, jac.T)
+        moved = jac @ towards
+        if not all_finite(moved, direction):
+            return Resolved(None, cause=f"Jacobian or direction of row {i}'s point is not finite or too large")
+        strength = np.linalg.pinv(moved, rcond=RANK, hermitian=True) @ (self._push[i] * direction)
+        return _pushed(problem, towards @ strength)
+
+
+class JointPush:
+    r"""Sliding mode: the worst row's gradient is added.
+
+    .. math:: v = v^{des} + c\, H^{-1} J_i^T
+
+    Source: eq. (12) of SPARK, H = I there.
+    """
+
+    def __init__(self, push: Array) -> None:
+        """``push``: c of each row [rad/s per m/rad], shape (n_rows,)."""
+        self._push = push
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        """See :meth:`Resolution.resolve`."""
+        if (i := _pushed_row(problem)) is None:
+            return Resolved(problem.clipped())
+        return _pushed(problem, self._push[i] * np.linalg.solve(problem.hessian, problem.spaces.A[i]))
+
+
+def _pushed_row(problem: Problem) -> int | None:
+    """The row that is active, if there is one."""
+    active = np.flatnonzero(problem.spaces.active)
+    return int(active[0]) if active.size else None
+
+
+def _pushed(problem: Problem, push: Array) -> Resolved:
+    """The nominal input and a push, between the bounds."""
+    v = problem.v_des + push
+    if not all_finite(v):
+        # clipped, an infinite push would look like an ordinary one
+        return Resolved(None, cause="the push is not finite")
+    return Resolved(np.minimum(np.maximum(v, problem.lower), problem.upper))
+
+
+def _copy(problem: Problem, working: Indices, lost: Indices | tuple[()] = ()) -> Candidates:
+    """The rows that a solver saw and those it was not shown, kept for later."""
+    if len(lost):
+        working = np.union1d(working, lost)
+    A, b = problem.spaces.A[working], problem.spaces.b[working]
+    return Candidates(working, A, b, problem.lower, problem.upper)

@@ -1,0 +1,1 @@
+"""Distances between capsules, boxes and planes, with their gradients."""

@@ -1,6 +1,7 @@
 """From measured positions of obstacles to what the safety filter is given."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -8,6 +9,25 @@ from robots.checks import require_non_negative, require_one_of, require_positive
 from robots.messages import Array
 from safety.geometry.shapes import Obstacle
 from safety.tracking import ObstacleTrack, TrackerSettings
+
+
+@dataclass(frozen=True, slots=True)
+class Detection:
+    """One obstacle as a sensor reports it at one instant.
+
+    Attributes:
+        name: tells obstacles apart from one detection to the next.
+        stamp: when it was measured [s].
+        shape: kind, size and orientation; its ``position`` is the measured place of its reference point, its velocity
+            is not read: the track of that name estimates it.
+        seen: whether it was found; where not, ``shape`` only says what was looked for.
+    """
+
+    name: str
+    stamp: float
+    shape: Obstacle
+    seen: bool = True
+
 
 VELOCITIES = ("estimated", "zero")
 """What velocity the obstacles are given: the tracks' estimate, or none, to see what the estimate is worth."""

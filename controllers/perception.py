@@ -1,14 +1,12 @@
-"""From measured positions of obstacles to what the safety filter is given."""
+"""Detections of obstacles, and the places for them in the controller's barriers."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from robots.checks import require_non_negative, require_one_of, require_positive
 from robots.messages import Array
-from safety.geometry.shapes import Obstacle
-from safety.tracking import ObstacleTrack, TrackerSettings
+from safety.geometry.shapes import Obstacle, require_kinds
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,8 +16,8 @@ class Detection:
     Attributes:
         name: tells obstacles apart from one detection to the next.
         stamp: when it was measured [s].
-        shape: kind, size and orientation; its ``position`` is the measured place of its reference point, its velocity
-            is not read: the track of that name estimates it.
+        shape: kind, size and orientation, and the measured place of its reference point. Its velocity counts only where
+            the tracker is set to ``measured``; else the track of that name estimates it.
         seen: whether it was found; where not, ``shape`` only says what was looked for.
     """
 
@@ -29,68 +27,72 @@ class Detection:
     seen: bool = True
 
 
-VELOCITIES = ("estimated", "zero")
-"""What velocity the obstacles are given: the tracks' estimate, or none, to see what the estimate is worth."""
+class ObstacleSlots:
+    """Places for obstacles in the controller's barriers: so many of each kind, filled or empty.
 
+    The rows of a controller are fixed when it is made, so that no tick has to make arrays. Obstacles come and go
+    through its slots: an empty one holds an obstacle that is far away, and where there are more obstacles of a kind
+    than slots, the nearest count. An obstacle keeps its slot for as long as it has one: the filter's search starts from
+    the rows that were active in the last tick.
 
-class SphereTracker:
-    """Tracks spheres of known radius; each gets a Kalman filter of its own.
-
-    Args:
-        radii: of the spheres, above 0 [m].
-        settings: of the tracks.
-        kappa: by how many standard deviations of its position each sphere is enlarged, 0 or above. The enlargement
-            grows while a sphere is not seen; that growth is not part of the sphere's velocity.
-        velocity: one of ``VELOCITIES``.
-
-    Raises:
-        ConfigError: a value is not allowed.
+    Attributes:
+        kinds: of the slots.
+        left_out: names of obstacles that found no slot the last time.
     """
 
-    def __init__(
-        self,
-        radii: Sequence[float],
-        settings: TrackerSettings | None = None,
-        kappa: float = 0.0,
-        velocity: str = "estimated",
-    ) -> None:
-        for i, radius in enumerate(radii):
-            require_positive(f"radius of tracked sphere {i}", radius)
-        require_non_negative("tracker kappa", kappa)
-        require_one_of("tracker velocity", velocity, VELOCITIES)
-        self._radii = tuple(radii)
-        self._kappa = kappa
-        self._moving = velocity == "estimated"
-        self._told: float | None = None
-        self.tracks = tuple(ObstacleTrack(settings) for _ in radii)
-
-    def observe(self, index: int, position: Array | None, stamp: float) -> bool:
-        """A measured position (3,) [m] of sphere ``index`` at ``stamp`` [s], or ``None`` where it was not seen.
-
-        What it changes is fed in from what :meth:`obstacles` gave last on.
-
-        Returns:
-            Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
-        """
-        return self.tracks[index].measure(position, stamp, self._told)
-
-    def fault(self, stamp: float) -> str | None:
-        """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""
-        faults = (track.fault(stamp) for track in self.tracks)
-        return next((f"track of obstacle {i} is {fault}" for i, fault in enumerate(faults) if fault), None)
-
-    def obstacles(self, stamp: float) -> list[Obstacle]:
-        """The spheres predicted to ``stamp`` [s].
+    def __init__(self, kinds: Sequence[str]) -> None:
+        """``kinds``: one of :data:`safety.geometry.shapes.KINDS` for each slot.
 
         Raises:
-            ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
+            ConfigError: no such kind.
         """
-        out = []
-        for radius, track in zip(self._radii, self.tracks, strict=True):
-            position, velocity = track.estimate(stamp)
-            # without kappa the covariance is not needed
-            margin = self._kappa * track.position_sigma(stamp) if self._kappa else 0.0
-            out.append(Obstacle.sphere(position, radius + margin, velocity if self._moving else np.zeros(3)))
-        # not before: what a refused stamp asked for was not handed out
-        self._told = stamp
-        return out
+        require_kinds(kinds)
+        self.kinds = tuple(kinds)
+        self.left_out: tuple[str, ...] = ()
+        self._empty = tuple(far_away(kind) for kind in self.kinds)
+        self._holder: list[str | None] = [None] * len(self.kinds)
+
+    def fill(self, obstacles: Mapping[str, Obstacle], centre: Array) -> list[Obstacle]:
+        """An obstacle for each slot.
+
+        Args:
+            obstacles: by name.
+            centre: shape (3,) point of the robot from which distance is measured [m].
+        """
+        for i, name in enumerate(self._holder):
+            if name is not None and (name not in obstacles or obstacles[name].kind != self.kinds[i]):
+                self._holder[i] = None
+        waiting = [name for name in obstacles if name not in self._holder]
+        if waiting:
+            self._place(waiting, obstacles, centre)
+        self.left_out = tuple(name for name in waiting if name not in self._holder)
+        return [
+            empty if name is None else obstacles[name] for name, empty in zip(self._holder, self._empty, strict=True)
+        ]
+
+    def _place(self, waiting: Sequence[str], obstacles: Mapping[str, Obstacle], centre: Array) -> None:
+        """Give slots to those that wait, where need be those of obstacles further away."""
+        for name in sorted(waiting, key=lambda n: obstacles[n].clearance(centre)):
+            slots = [i for i, kind in enumerate(self.kinds) if kind == obstacles[name].kind]
+            free = next((i for i in slots if self._holder[i] is None), None)
+            if free is None and slots:
+                free = max(slots, key=lambda i: obstacles[self._holder[i] or name].clearance(centre))
+                if obstacles[self._holder[free] or name].clearance(centre) <= obstacles[name].clearance(centre):
+                    continue
+            if free is not None:
+                self._holder[free] = name
+
+
+FAR = 1e3
+"""How far away the obstacle in an empty slot is [m]: below the ground."""
+
+
+def far_away(kind: str) -> Obstacle:
+    """An obstacle of this kind that is out of everybody's way."""
+    place = np.array([0.0, 0.0, -FAR])
+    return {
+        "sphere": lambda: Obstacle.sphere(place, 0.1),
+        "capsule": lambda: Obstacle.capsule(place, place + np.array([0.1, 0.0, 0.0]), 0.1),
+        "box": lambda: Obstacle.box(place, np.eye(3), np.full(3, 0.1)),
+        "half_space": lambda: Obstacle.half_space(place, np.array([0.0, 0.0, 1.0])),
+    }[kind]()

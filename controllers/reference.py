@@ -36,7 +36,6 @@ class WholeBodyReference:
         turn_rate: rate at which base and torso turn about the vertical [rad/s].
         dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
             feedback of :mod:`controllers.balance.dcm_feedback`, and ``com`` only gives the height.
-        gait: whether a gait moves feet and CoM without giving a DCM; a stop then leaves it to bring them to rest.
     """
 
     com: PointReference
@@ -51,7 +50,6 @@ class WholeBodyReference:
     load_limits: Array = field(default_factory=lambda: np.ones(2))
     turn_rate: float = 0.0
     dcm: DcmReference | None = None
-    gait: bool = False
 
 
 def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:

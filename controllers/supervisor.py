@@ -1,6 +1,5 @@
-"""Watches the controller: a cause for concern ends in a stop that is not left again, with its cause kept."""
+"""Watches the controller: what is wrong ends in a stop that is not left again, with its cause kept."""
 
-import copy
 from collections.abc import Sequence
 
 import numpy as np
@@ -17,7 +16,7 @@ MAX_FAILURES = 10
 """Ticks in a row without an answer of filter or DynWBC, or without a new state, after which the robot is stopped."""
 
 HOLD_TIME = 0.5
-"""How long a blind stop holds the motors where they are [s]."""
+"""How long a fade-out holds the motors where they are [s]."""
 
 FADE_TIME = 1.5
 """How long it then takes to fade torques and position gains [s]."""
@@ -30,20 +29,16 @@ QUATERNION_TOLERANCE = 1e-3
 
 
 class Supervisor:
-    """Runs the controller's tick and stops for good when something is wrong.
+    """Runs the controller's tick and fades the motors out for good when something is wrong.
 
-    Two ways to stop, both latched, both with the first cause kept:
+    That happens where the state cannot be one, the same old state keeps coming, the controller refuses what it is
+    given, a command is not finite, or a solver has not answered for ``MAX_FAILURES`` ticks (its last torques hold
+    meanwhile). Nothing is computed any more: motors hold their last set-points, feed-forward torques and gains for
+    ``HOLD_TIME``, then torques and position gains fade over ``FADE_TIME`` and the velocity gains brake what is left. No
+    biped stands for long without its state: this gives a person time, and lets the robot down instead of dropping it.
 
-    - *Blind*: where the state cannot be one, the same old state keeps coming, the controller refuses what it is given,
-      a command is not finite, or a solver has not answered for ``MAX_FAILURES`` ticks (its last torques hold
-      meanwhile). Nothing is computed any more: motors hold their last set-points, feed-forward torques and gains for
-      ``HOLD_TIME``, then torques and position gains fade over ``FADE_TIME`` and the velocity gains brake what is left.
-      No biped stands for long without its state: this gives a person time, and lets the robot down instead of dropping
-      it.
-    - *Holding* (:meth:`hold`): where the state is sound but the task cannot go on, a lost obstacle for example. The
-      references freeze where they are and the controller goes on keeping balance, with the obstacles last known.
-      References that a gait moves (they give a DCM, or say so) do not freeze, perhaps on one leg: the gait is to be
-      stopped, and brings them to rest.
+    A stop that keeps balance, where the state is sound but the task cannot go on, is the agent's
+    (:meth:`controllers.agent.Agent.hold`); its cause is latched here, so that the first cause of either kind stays.
 
     How old a state is, nothing here can tell: its stamp is the only clock of a tick. Noticed is a stamp that stands
     still or goes back; a state that arrives late, but in order, is for whoever reads the sensors to refuse. For the
@@ -59,92 +54,80 @@ class Supervisor:
         self.controller = controller
         self.cause: str | None = None
         self.stopped_at = float("nan")
-        self._blind_ticks = -1
+        self._fading_ticks = -1
         self._failures = 0
         self._stamp = -np.inf
         self._repeated = 0
-        self._frozen: WholeBodyReference | None = None
-        self._obstacles: Sequence[Obstacle] = ()
-        self._at_rest = False
         robot = controller.robot
         zero = np.zeros(len(robot.joints))
         kd = controller.config.gain_scale * robot.joint_array("kd")
         # without any command yet there is nothing to hold: brake
         self._last = MotorCommand(zero, zero, zero, zero, kd, 0.0)
 
+    @property
+    def fading(self) -> bool:
+        """Whether the motors are being faded out."""
+        return self._fading_ticks >= 0
+
+    def latch(self, cause: str, stamp: float) -> None:
+        """Keep ``cause`` and ``stamp`` [s] of a stop, unless there was one before."""
+        if self.cause is None:
+            self.cause, self.stopped_at = cause, stamp
+
+    def inspect(self, state: RobotState) -> bool:
+        """Whether the controller may be given a measured state; where not, the motors fade out from now on."""
+        fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
+        if fault is not None:
+            self._fade(fault, state.stamp)
+        return not self.fading
+
     def tick(
         self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
     ) -> tuple[MotorCommand, TickResult | None]:
-        """Command for a measured state, and the controller's result; ``None`` once blindly stopped.
+        """Command for a measured state, and the controller's result; ``None`` once the motors fade out."""
+        if self.inspect(state):
+            self.controller.update(state)
+        return self.respond(state, reference, obstacles)
 
-        While holding, ``obstacles`` are not read, and ``reference`` only where a gait moves it. What the controller
-        refuses with a ``ValueError`` (obstacles of another kind than announced, missing hands) or cannot decompose
-        stops the robot, with the words of the error as the cause: the motors get a command in every tick.
+    def respond(
+        self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
+    ) -> tuple[MotorCommand, TickResult | None]:
+        """As :meth:`tick`, for a state that was inspected and that the controller was brought up to.
+
+        What the controller refuses with a ``ValueError`` (obstacles of another kind than announced, missing hands) or
+        cannot decompose fades the motors out, with the words of the error as the cause: the motors get a command in
+        every tick.
         """
-        fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
-        if fault is not None:
-            self._stop_blindly(fault, state.stamp)
-        if self._blind_ticks >= 0:
-            return self._fading_command(state.stamp), None
-        if self.cause is not None:
-            reference, obstacles = self._held_reference(reference), self._obstacles_at_rest()
-        if len(obstacles) != self.controller.obstacle_count:
-            expected = self.controller.obstacle_count
-            self._stop_blindly(f"{len(obstacles)} obstacles are known, {expected} expected", state.stamp)
+        if self.fading:
             return self._fading_command(state.stamp), None
         try:
-            result = self.controller.tick(state, reference, obstacles)
+            result = self.controller.respond(state, reference, obstacles)
         except (ValueError, np.linalg.LinAlgError) as error:
-            self._stop_blindly(f"the controller gives no command: {error}", state.stamp)
+            self._fade(f"the controller gives no command: {error}", state.stamp)
             return self._fading_command(state.stamp), None
-        # a copy: the caller's list may change
-        self._obstacles = obstacles if self._at_rest else tuple(obstacles)
         if not all_finite(result.command.q, result.command.v, result.command.tau):
-            self._stop_blindly("the controller's command is not finite", state.stamp)
+            self._fade("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
         self._last = result.command
+        self._count_failures(result, state.stamp)
+        return result.command, result
+
+    def _count_failures(self, result: TickResult, stamp: float) -> None:
         failed = result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
         self._failures = self._failures + 1 if failed else 0
         if self._failures >= MAX_FAILURES:
             why = f": {result.safety.cause}" if result.safety.cause else ""
             what = f"filter {result.safety.status.name.lower()}{why}, DynWBC {result.dynwbc.status}"
-            self._stop_blindly(f"no solution for {MAX_FAILURES} ticks ({what})", state.stamp)
-        return result.command, result
+            self._fade(f"no solution for {MAX_FAILURES} ticks ({what})", stamp)
 
-    @property
-    def blind(self) -> bool:
-        """Whether the robot was stopped blindly."""
-        return self._blind_ticks >= 0
-
-    def hold(self, cause: str, stamp: float) -> None:
-        """Stop the task for ``cause``, from the tick at ``stamp`` [s] on, and keep balance; the first cause stays."""
-        if self.cause is None:
-            self.cause, self.stopped_at = cause, stamp
-
-    def _stop_blindly(self, cause: str, stamp: float) -> None:
-        self.hold(cause, stamp)
-        self._blind_ticks = max(0, self._blind_ticks)
-
-    def _held_reference(self, reference: WholeBodyReference) -> WholeBodyReference:
-        """The reference of the moment of the stop, at rest; that of a gait goes on, for the gait to end."""
-        if reference.dcm is not None or reference.gait:
-            return reference
-        if self._frozen is None:
-            self._frozen = copy.deepcopy(reference)
-            for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):
-                point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
-        return self._frozen
-
-    def _obstacles_at_rest(self) -> Sequence[Obstacle]:
-        """The obstacles last known, not moving; made once, at the first tick of a stop."""
-        if not self._at_rest:
-            self._obstacles, self._at_rest = tuple([o.at_rest() for o in self._obstacles]), True
-        return self._obstacles
+    def _fade(self, cause: str, stamp: float) -> None:
+        self.latch(cause, stamp)
+        self._fading_ticks = max(0, self._fading_ticks)
 
     def _fading_command(self, stamp: float) -> MotorCommand:
         """The last command with its velocities at zero, held, then faded out."""
-        t = self._blind_ticks * self.controller.config.dt
-        self._blind_ticks += 1
+        t = self._fading_ticks * self.controller.config.dt
+        self._fading_ticks += 1
         share = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
         last = self._last
         return MotorCommand(last.q, np.zeros_like(last.v), share * last.tau, share * last.kp, last.kd, stamp)

@@ -132,7 +132,7 @@ class MujocoPlant:
     @property
     def time(self) -> float:
         """Simulated time [s]."""
-        return float(self.data.time)
+        return self._steps * self.config.dt
 
     def reset(self, q: Array) -> None:
         """Put the robot at ``q`` (nq,), pinocchio's order, at rest, at time zero."""
@@ -152,6 +152,22 @@ class MujocoPlant:
         q, v = np.empty(self.model.nq), np.empty(self.model.nv)
         read_state(self.data.qpos, self.data.qvel, q, v)
         return RobotState(q, v, self.torque.copy(), self.time, self._wrenches[:, 2].copy())
+
+    def state(self) -> RobotState:
+        """See :meth:`robots.ports.Body.state`: with the configured sensor noise."""
+        return self.measured_state()
+
+    def advance(self, dt: float) -> None:
+        """See :meth:`robots.ports.Body.advance`.
+
+        Raises:
+            ConfigError: ``dt`` is no whole number of physics steps.
+        """
+        steps = round(dt / self.config.dt)
+        if steps < 1 or abs(steps * self.config.dt - dt) > 1e-9:
+            raise ConfigError("dt", dt, f"a whole number of physics steps of {self.config.dt:g} s")
+        for _ in range(steps):
+            self.step()
 
     def measured_state(self) -> RobotState:
         """State with the configured sensor noise; new arrays."""

@@ -195,7 +195,6 @@ class OneLeg:
         c, v, a = self._com_path.evaluate(t - self._com_since)
         height = self._feet.com_height + self._soles[self._stance][2]
         reference.com = PointReference(np.array([*c, height]), np.array([*v, 0.0]), np.array([*a, 0.0]))
-        reference.gait = True
 
 
 class HandsThereAndBack:

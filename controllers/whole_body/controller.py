@@ -80,6 +80,8 @@ class WholeBodyController:
     ) -> None:
         self.robot = robot
         self.config = config
+        self.with_hands = with_hands
+        self._kinematics_time = 0.0
         self._make_twin = partial(
             WholeBodyController, robot, config, with_hands, tuple(obstacle_kinds), extra_barriers=extra_barriers
         )
@@ -137,7 +139,7 @@ class WholeBodyController:
         """
         twin = self._make_twin()
         kinds = () if twin._obstacles is None else twin._obstacles.kinds
-        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, kinds):
+        for state, reference, obstacles in situations(twin.kin, self.with_hands, kinds):
             twin.tick(state, reference, obstacles)
         self.filter.prepare(twin.barriers.evaluate(twin.kin).family)
 
@@ -175,12 +177,24 @@ class WholeBodyController:
         """
         if not all_finite(state.q, state.v):
             raise ValueError("measured state is not finite")
-        kin, dt, clock, marks = self.kin, self.config.dt, self._clock, np.empty(len(STAGES) + 1)
-        marks[0] = clock()
-        kin.update(state.q, state.v)
+        self.update(state)
+        return self.respond(state, reference, obstacles)
+
+    def update(self, state: RobotState) -> None:
+        """Bring ``kin`` up to a measured state, for :meth:`respond` and for whoever moves the references before it."""
+        began = self._clock()
+        self.kin.update(state.q, state.v)
         if self.config.without_drift:
-            kin.update_drift()
+            self.kin.update_drift()
+        self._kinematics_time = self._clock() - began
+
+    def respond(
+        self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
+    ) -> TickResult:
+        """:meth:`tick` for the state of the last :meth:`update`."""
+        kin, dt, clock, marks = self.kin, self.config.dt, self._clock, np.empty(len(STAGES) + 1)
         marks[1] = clock()
+        marks[0] = marks[1] - self._kinematics_time
         self._tasks.set_references(reference)
         levels = self.kinwbc.evaluate(kin)
         marks[2] = clock()
@@ -262,7 +276,7 @@ class WholeBodyController:
             return FilterResult(self.acceleration_filter.velocity(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
         feet = self._stance_jacobian(levels[0][0], in_contact)
         balance = self.kinwbc.rows(1, 4)
-        hands = levels[4][0] if self._tasks.with_hands else None
+        hands = levels[4][0] if self.with_hands else None
         if self.adapter is None:
             return self.filter.apply(rows, v_des, feet, balance, hands)
         epsilon = self.adapter.epsilon(rows, velocity)

@@ -1,12 +1,12 @@
 """What the estimated velocity of an obstacle is worth to the safety filter: one crosses where the hands are."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from controllers.perception import SphereTracker
+from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
+from controllers.perception import Detection
 from controllers.whole_body.robot_config import controller_config
 from experiments.metrics.metric import Figure
 from experiments.scenarios.obstacles import AHEAD, DISTANCE, RADIUS
@@ -76,10 +76,10 @@ class Crossing:
         self._sphere = PassingSphere(hand + np.array([AHEAD, DISTANCE, 0.0]), np.array([0.0, -speed, 0.0]), RADIUS)
         self._duration = (DISTANCE + PASSED) / speed
         self._sensor = PositionSensor(60.0, NOISE, np.random.default_rng([seed, 3]))
-        told = "zero" if velocity == "zero" else "estimated"
+        told = {"zero": "zero", "true": "measured"}.get(velocity, "estimated")
         kappa = 3.0 if velocity.endswith("sigma") else 0.0
-        self._tracker = SphereTracker([RADIUS], settings or TrackerSettings(position_noise=NOISE), kappa, told)
-        self._told_truth = velocity == "true"
+        track = settings or TrackerSettings(position_noise=NOISE)
+        self._tracker = ObstacleTracker(TrackingSettings(track, kappa, told))
         self._barriers = standard_barriers(self._kin, ("sphere",))
         self._obstacles = next(b for b in self._barriers.barriers if isinstance(b, ObstacleBarrier))
         tuning = controller_config(robot, filter=name).safety
@@ -104,9 +104,12 @@ class Crossing:
         return float(self._barriers.evaluate(self._kin).h[self._barriers.slices["obstacle"]].min())
 
     def _believed(self, t: float) -> list[Obstacle]:
-        self._tracker.observe(0, self._sensor.measure(self._sphere.position(t), t), t)
-        seen = self._tracker.obstacles(t)
-        return [replace(o, velocity=self._sphere.velocity(t)) for o in seen] if self._told_truth else seen
+        place, velocity = self._sphere.position(t), self._sphere.velocity(t)
+        measured = self._sensor.measure(place, t)
+        seen = measured is not None
+        shape = Obstacle.sphere(place if measured is None else measured, RADIUS, velocity)
+        self._tracker.observe(Detection("sphere", t, shape, seen))
+        return list(self._tracker.obstacles(t).values())
 
 
 def crossing_study(

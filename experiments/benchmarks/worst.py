@@ -240,7 +240,7 @@ def _run(course: Course, log: Log, collections: Collections) -> None:
             log.stages[i], log.status[i] = result.stage_seconds, order.index(result.safety.status)
             log.unsolved[i], log.spent[i] = result.dynwbc.status != "optimal", result.safety.spent
             course.follow(result)
-        if course.supervisor.blind:
+        if course.supervisor.fading:
             log.stopped[i] = True
             course.restart()
 

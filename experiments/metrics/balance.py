@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from scipy.spatial import ConvexHull
 
 from controllers.whole_body.config import ControllerConfig
+from experiments.recording.outcome import Outcome
 from experiments.recording.recording import GUARANTEED, family_minima
-from experiments.running.loop import LoopOutcome
 from robots.messages import Array, Mask
 from safety.filters.guarantee import promises
 
@@ -131,7 +131,7 @@ def _planned_contact(series: dict[str, Array]) -> Mask:
     return np.asarray(series["in_contact"], dtype=bool)
 
 
-def summarise(series: dict[str, Array], outcome: LoopOutcome) -> dict[str, Any]:
+def summarise(series: dict[str, Array], outcome: Outcome) -> dict[str, Any]:
     """Figures that every experiment has, from the recorded series; times in s, lengths in m."""
     com_error = np.linalg.norm(series["com"] - series["com_ref"], axis=1)
     settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration)]

@@ -2,9 +2,9 @@
 
 import time
 
-LOOP_PARTS = ("tick", "plant", "state", "true barriers", "recording", "references", "rest")
-"""Parts of the closed loop: the supervised controller; MuJoCo's step and the reading of its contacts; state and ZMP;
-barriers at the true state and their bounds; what is recorded; references, gait and obstacles as seen; the rest."""
+LOOP_PARTS = ("tick", "plant", "state", "true barriers", "recording", "world", "rest")
+"""Parts of the closed loop: the agent with gait and tracks; MuJoCo's step and reading its contacts; state and ZMP;
+barriers at the true state and their bounds; what is recorded; what sensors see of obstacles; the rest."""
 
 PARTS = ("set-up", "reference motion", *LOOP_PARTS, "series and summary")
 """Parts of a run."""

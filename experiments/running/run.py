@@ -7,22 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from controllers.motions.hands import CenterOfMassShift, Motion
+from controllers.agent import Agent
 from controllers.reference import reference_here
 from controllers.supervisor import Supervisor
 from controllers.whole_body.config import ControllerConfig
-from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.tuning_file import read_tuning
 from experiments.metrics.balance import convex_polygon, guarantee_figures, summarise, versions
 from experiments.recording.recording import RunResult
+from experiments.running.ending import Ending
+from experiments.running.faults import BrokenEncoder
 from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop
+from experiments.running.recorder import Progress, Recorder
+from experiments.running.world import RunWorld
+from experiments.scenarios.obstacles import Encounter
 from experiments.scenarios.options import FilterOptions, PlantOptions, RunOptions
-from experiments.scenarios.scenario import Cast, Scenario
+from experiments.scenarios.scenario import Scenario
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
+from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
@@ -45,9 +50,6 @@ LAYERED = ("ssa", "rssa", "pssa", "sss")
 
 MAX_STEPS = 600_000
 """Most physics steps of one run; each leaves 2 to 4 kB behind."""
-
-SETTLE = 1.5
-"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
 
 
 def plant_config(options: PlantOptions) -> PlantConfig:
@@ -154,66 +156,73 @@ def run(
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     laps = Laps() if laps is None else laps
-    loop = _make_loop(scenario, options, progress, laps)
-    plant, control = loop.plant, loop.supervisor.controller.config
-    polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
-    laps.book("set-up")
-    shadow = _shadow(scenario, plant, control, options.duration)
-    laps.book("reference motion")
-    loop.supervisor.controller.warm_up()
-    laps.book("set-up")
-    outcome = loop.run(options.duration)
-    series = loop.series() | {"support_polygon": polygon}
-    steps, ticks = len(series["step_time"]), len(series["time"])
-    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in shadow.items()}
-    measured = summarise(series, outcome) | {"first_relaxed": loop.first_relaxed}
-    measured |= guarantee_figures(series, control, len(plant.robot.leg_pairs))
-    if scenario.figures is not None:
-        measured |= scenario.figures(plant.robot, series)
-    summary = _head(scenario, options, control, loop.supervisor) | measured | {"versions": versions()}
-    config = resolved_config(scenario.experiment, options, control, plant.config) | dict(scenario.settings)
-    laps.book("series and summary")
-    return RunResult(plant.robot, config, summary, series)
-
-
-def _make_loop(
-    scenario: Scenario, options: RunOptions, progress: Callable[[float], None] | None, laps: Laps
-) -> ClosedLoop:
-    """Plant at its first posture, controller, references and what moves them."""
     robot = check_options(options)
     control = control_config(robot, options, scenario)
     plant = MujocoPlant(robot, plant_config(options.plant), np.random.default_rng(options.seed))
-    plant.reset(standing_configuration(robot, scenario.posture))
-    kinds = () if scenario.encounter is None else ("sphere",)
-    supervisor = Supervisor(WholeBodyController(robot, control, scenario.hands is not None, obstacle_kinds=kinds))
-    cast = _cast(scenario, supervisor.controller, plant.true_state())
-    encounter = None
-    if scenario.encounter is not None:
-        encounter = scenario.encounter(robot, cast.reference, np.random.default_rng([options.seed, 1]))
-    return ClosedLoop(plant, supervisor, cast, encounter, options.nan_at, progress, scenario.pushes, laps)
+    start = standing_configuration(robot, scenario.posture)
+    plant.reset(start)
+    encounter = make_encounter(robot, scenario, start, options.seed)
+    agent = make_agent(robot, control, scenario, encounter)
+    agent.reset(plant.state(), start)
+    polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
+    laps.book("set-up")
+    reference_series = _reference_series(robot, control, scenario, plant.true_state(), options.duration)
+    laps.book("reference motion")
+    agent.warm_up()
+    world = RunWorld(plant, scenario.pushes, encounter)
+    recorder, ending = Recorder(plant, agent, options.duration, world.true, laps), Ending(plant)
+    body = plant if options.nan_at is None else BrokenEncoder(plant, options.nan_at)
+    observers = [recorder, ending] if progress is None else [recorder, Progress(progress), ending]
+    loop = ClosedLoop(body, agent, world, observers, round(control.dt / plant.config.dt), laps)
+    laps.book("set-up")
+    loop.run(options.duration)
+    series = recorder.series() | {"support_polygon": polygon}
+    steps, ticks = len(series["step_time"]), len(series["time"])
+    series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in reference_series.items()}
+    measured = summarise(series, ending.outcome) | {"first_relaxed": recorder.first_relaxed}
+    measured |= guarantee_figures(series, control, len(robot.leg_pairs))
+    if scenario.figures is not None:
+        measured |= scenario.figures(robot, series)
+    summary = _head(scenario, options, control, agent.supervisor) | measured | {"versions": versions()}
+    config = resolved_config(scenario.experiment, options, control, plant.config) | dict(scenario.settings)
+    laps.book("series and summary")
+    return RunResult(robot, config, summary, series)
 
 
-def _shadow(scenario: Scenario, plant: MujocoPlant, control: ControllerConfig, duration: float) -> dict[str, Array]:
-    """The scenario's further series, from a controller and a cast of their own."""
+def make_encounter(robot: RobotDescription, scenario: Scenario, start: Array, seed: int) -> Encounter | None:
+    """What passes a robot that starts at ``start`` (nq,)."""
+    if scenario.encounter is None:
+        return None
+    kin = Kinematics(robot)
+    kin.update(start, np.zeros(kin.nv))
+    reference = reference_here(kin, with_hands=scenario.hands is not None)
+    return scenario.encounter(robot, reference, np.random.default_rng([seed, 1]))
+
+
+def make_agent(
+    robot: RobotDescription, control: ControllerConfig, scenario: Scenario, encounter: Encounter | None = None
+) -> Agent:
+    """What drives the robot in a scenario."""
+    return Agent(
+        robot,
+        control,
+        gait=scenario.gait,
+        motions=() if scenario.hands is None else (scenario.hands,),
+        with_hands=scenario.hands is not None,
+        obstacle_slots=() if encounter is None else ("sphere",),
+        tracking=None if encounter is None else encounter.tracking,
+    )
+
+
+def _reference_series(
+    robot: RobotDescription, control: ControllerConfig, scenario: Scenario, start: RobotState, duration: float
+) -> dict[str, Array]:
+    """The scenario's further series, from an agent of their own."""
     if scenario.extra is None:
         return {}
-    controller = WholeBodyController(plant.robot, control, with_hands=scenario.hands is not None)
-    start = plant.true_state()
-    return scenario.extra(controller, _cast(scenario, controller, start), start.q, duration)
-
-
-def _cast(scenario: Scenario, controller: WholeBodyController, state: RobotState) -> Cast:
-    """References of a robot at rest in ``state``, and what the scenario lets move them."""
-    robot, kin = controller.robot, controller.kin
-    kin.update(state.q, state.v)
-    reference = reference_here(kin, with_hands=scenario.hands is not None)
-    gait = None if scenario.gait is None else scenario.gait(robot, state)
-    motions: list[Motion] = []
-    if gait is None:
-        motions.append(CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE))
-    if scenario.hands is not None:
-        motions.append(scenario.hands(robot, reference))
-    return Cast(reference, gait, motions)
+    agent = make_agent(robot, control, scenario)
+    agent.reset(start)
+    return scenario.extra(agent, start.q, duration)
 
 
 def _head(scenario: Scenario, options: RunOptions, control: ControllerConfig, supervisor: Supervisor) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+from controllers.agent import MakeMotion
 from controllers.motions.hands import MIRROR, HandCircles, HandsAt, HandsToTargets, Motion, circle_settings
 from controllers.reference import WholeBodyReference
 from experiments.recording.recording import RunResult
@@ -13,7 +14,7 @@ from experiments.running.reference_motion import reference_motion
 from experiments.running.run import check_options, run
 from experiments.scenarios.obstacles import SensorSettings, passing_sphere
 from experiments.scenarios.options import HandTrackingOptions
-from experiments.scenarios.scenario import MakeMotion, Scenario
+from experiments.scenarios.scenario import Scenario
 from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError

@@ -1,9 +1,10 @@
 """An obstacle in a run: how it really moves, what the sensor sees, what the controller believes."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
+from controllers.perception import Detection
 from controllers.reference import WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.description import RobotDescription
@@ -87,36 +88,31 @@ class SensorSettings:
 
 
 class Encounter:
-    """One sphere that passes the hands, seen through a noisy sensor and a Kalman filter.
+    """One sphere that passes the hands, seen through a noisy sensor.
 
     Attributes:
         sphere: its true motion.
+        tracking: how it is to be tracked.
     """
+
+    NAME = "obstacle 0"
 
     def __init__(self, sphere: PassingSphere, sensor: PositionSensor, seen: SensorSettings) -> None:
         self.sphere = sphere
         self._sensor = sensor
-        self._true_velocity = seen.velocity == "true"
         # here, because the tracks' filter brings scipy.stats with it, which a run without obstacles need not wait for
-        from controllers.perception import SphereTracker
+        from controllers.obstacle_tracker import TrackingSettings
         from safety.tracking import TrackerSettings
 
-        settings = TrackerSettings(position_noise=max(seen.noise, 1e-4))
-        told = "zero" if seen.velocity == "zero" else "estimated"
-        self._tracker = SphereTracker([sphere.radius], settings, seen.kappa, told)
+        velocity = "measured" if seen.velocity == "true" else seen.velocity
+        self.tracking = TrackingSettings(TrackerSettings(position_noise=max(seen.noise, 1e-4)), seen.kappa, velocity)
 
-    def sense(self, t: float) -> str | None:
-        """Take in what the sensor sees at ``t`` [s]; returns what is wrong with the track, if anything."""
-        if (measured := self._sensor.measure(self.sphere.position(t), t)) is not None:
-            self._tracker.observe(0, measured, t)
-        return self._tracker.fault(t)
-
-    def believed(self, t: float) -> list[Obstacle]:
-        """What the controller is given at ``t`` [s]; the track must be fresh."""
-        obstacles = self._tracker.obstacles(t)
-        if self._true_velocity:
-            return [replace(o, velocity=self.sphere.velocity(t)) for o in obstacles]
-        return obstacles
+    def detections(self, t: float) -> list[Detection]:
+        """What the sensor sees at ``t`` [s], its velocity without error."""
+        measured = self._sensor.measure(self.sphere.position(t), t)
+        if measured is None:
+            return []
+        return [Detection(self.NAME, t, Obstacle.sphere(measured, self.sphere.radius, self.sphere.velocity(t)))]
 
     def true(self, t: float) -> list[Obstacle]:
         """What really is at ``t`` [s]."""

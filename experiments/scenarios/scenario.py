@@ -7,15 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from controllers.gaits.gait import Gait
-from controllers.motions.hands import Motion
+from controllers.agent import Agent, MakeGait, MakeMotion
 from controllers.reference import WholeBodyReference
-from controllers.whole_body.controller import WholeBodyController
 from experiments.scenarios.obstacles import Encounter
 from robots.checks import require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from robots.messages import Array, RobotState
+from robots.messages import Array
 
 PUSH_TIME = 0.1
 """How long a push lasts [s]."""
@@ -23,28 +21,11 @@ PUSH_TIME = 0.1
 DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": 270.0}
 """Directions of a push by name, seen from above, anticlockwise from the world's x axis [deg]."""
 
-MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
-MakeGait = Callable[[RobotDescription, RobotState], Gait]
 MakeEncounter = Callable[[RobotDescription, WholeBodyReference, np.random.Generator], Encounter]
 Series = dict[str, Array]
 
 
-@dataclass(slots=True)
-class Cast:
-    """References and what moves them, in this order.
-
-    Attributes:
-        reference: of all tasks.
-        gait: moves feet and balance; ``None``: the robot stands on both feet.
-        motions: of what the gait leaves.
-    """
-
-    reference: WholeBodyReference
-    gait: Gait | None
-    motions: Sequence[Motion]
-
-
-Extra = Callable[[WholeBodyController, Cast, Array, float], Series]
+Extra = Callable[[Agent, Array, float], Series]
 Figures = Callable[[RobotDescription, Series], dict[str, Any]]
 
 
@@ -119,7 +100,7 @@ class Scenario:
         pushes: on the torso.
         changes: fields of the controller's configuration that this scenario sets.
         settings: of the gait, by the names of their tables below ``[tuning]``: what the configuration tells of them.
-        extra: further series, one value per control tick, computed before the run from a controller and a cast of their
+        extra: further series, one value per control tick, computed before the run from an agent of their
             own, the first configuration (nq,) and the run's duration [s].
         figures: further figures of the summary, from the robot and the recorded series.
     """

@@ -5,7 +5,6 @@ from operator import attrgetter
 
 import numpy as np
 
-from robots.checks import require_one_of
 from robots.errors import UnknownNameError
 from robots.kinematics import Kinematics
 from robots.messages import Array, Indices
@@ -15,7 +14,7 @@ from safety.geometry.box_faces import face_edges, share_way_out
 from safety.geometry.boxes import box_contacts
 from safety.geometry.contact_rows import contact_curvature, contact_drift, obstacle_motion
 from safety.geometry.segments import CLOSEST, END_A, START_A, half_space_contacts, segment_contacts
-from safety.geometry.shapes import KINDS, PACKED_SIZE, Obstacle
+from safety.geometry.shapes import KINDS, PACKED_SIZE, Obstacle, require_kinds
 
 EDGES = (5, 6, 7, 8)
 """Contacts of a segment with the four edges of the box's face that it is over."""
@@ -69,8 +68,7 @@ class ObstacleBarrier(ContactBarrier):
 
     def __init__(self, bodies: CollisionBodies, kinds: Sequence[str], only: Sequence[str] | None = None) -> None:
         """For obstacles of these ``kinds``; ``only`` names the bodies that heed them (``None``: all that can move)."""
-        for kind in kinds:
-            require_one_of("obstacle kind", kind, KINDS)
+        require_kinds(kinds)
         for name in only or ():
             if name not in bodies.names:
                 raise UnknownNameError("collision body", name, list(bodies.names))

@@ -1,6 +1,7 @@
 """Obstacles as the filter sees them: spheres, capsules, boxes and half-spaces that move and turn."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -146,11 +147,39 @@ class Obstacle:
         """The same obstacle where it is, not moving."""
         return replace(self, velocity=np.zeros(3), spin=np.zeros(3))
 
+    def enlarged(self, margin: float) -> "Obstacle":
+        """The same obstacle with its surface ``margin`` [m] further out, 0 or above; edges of a box stay sharp."""
+        if margin == 0.0:
+            return self
+        if self.kind == "half_space":
+            return replace(self, position=self.position + margin * self.direction)
+        if self.kind == "box":
+            return replace(self, half_sizes=self.half_sizes + margin)
+        return replace(self, radius=self.radius + margin)
+
+    def clearance(self, point: Array) -> float:
+        """Distance of a ``point`` (3,) from the obstacle [m], that of a ball round it for a box; below 0 inside."""
+        offset = point - self.position
+        if self.kind == "half_space":
+            return float(offset @ self.direction)
+        if self.kind == "capsule":
+            squared = float(self.direction @ self.direction)
+            along = float(offset @ self.direction) / squared if squared > 0.0 else 0.0
+            offset = offset - min(max(along, 0.0), 1.0) * self.direction
+        size = math.hypot(*self.half_sizes) if self.kind == "box" else self.radius
+        return math.hypot(*offset) - size
+
     def after(self, duration: float) -> "Obstacle":
         """The obstacle ``duration`` [s] later, its velocity and spin constant."""
         turn = _rotation_about(self.spin * duration)
         position = self.position + duration * self.velocity
         return replace(self, position=position, direction=turn @ self.direction, rotation=turn @ self.rotation)
+
+
+def require_kinds(kinds: Sequence[str]) -> None:
+    """Raise :class:`ConfigError` unless each is one of ``KINDS``."""
+    for kind in kinds:
+        require_one_of("obstacle kind", kind, KINDS)
 
 
 def _given(vector: Array | None) -> Array:

@@ -21,8 +21,8 @@ from experiments.metrics.balance import (
     zmp_inside,
     zmp_inside_single,
 )
+from experiments.recording.outcome import Outcome
 from experiments.recording.recording import RunResult, filter_title
-from experiments.running.loop import LoopOutcome
 from robots.loader import load_robot
 from robots.messages import Array
 from safety.filters.conditions import FamilyParameters
@@ -115,7 +115,7 @@ def test_the_zmp_is_inside_the_feet_that_the_plan_has_down() -> None:
     expected = [True, True, True, False, True, False, False, False, *[True] * 10, False, False]
     assert zmp_inside(series).tolist() == expected
     assert zmp_inside_single(series, zmp_inside(series)) == 0.5
-    assert summarise(series, LoopOutcome(None, 5.0))["zmp_inside_fraction"] == 14 / 20
+    assert summarise(series, Outcome(None, 5.0))["zmp_inside_fraction"] == 14 / 20
 
 
 def test_soles_are_where_they_are_at_the_tick() -> None:
@@ -169,7 +169,7 @@ def recorded(**changes: Any) -> dict[str, Array]:
 
 
 def summed(fell_at: float | None = None, **changes: Any) -> dict[str, Any]:
-    return summarise(recorded(**changes), LoopOutcome(fell_at, 5.0))
+    return summarise(recorded(**changes), Outcome(fell_at, 5.0))
 
 
 def hands(left_error: float, right_error: float, ticks: int = 10) -> dict[str, Array]:
@@ -216,7 +216,7 @@ def test_com_error_is_root_mean_square_and_settles_after_three_seconds() -> None
 
 def test_in_a_short_run_the_second_half_counts_as_settled() -> None:
     series = recorded(com=np.diag(np.arange(10.0))[:, :3])
-    assert summarise(series, LoopOutcome(None, 1.0))["com_error_settled_max_m"] == 2.0
+    assert summarise(series, Outcome(None, 1.0))["com_error_settled_max_m"] == 2.0
 
 
 def test_foot_slide_is_horizontal_and_from_the_first_place() -> None:

@@ -1,0 +1,281 @@
+"""What runs on the robot: measured state and detections in, motor command out, one call a tick."""
+
+import copy
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from controllers.gaits.gait import Gait
+from controllers.motions.hands import CenterOfMassShift, Motion
+from controllers.perception import Detection, ObstacleSlots
+from controllers.reference import PointReference, WholeBodyReference, reference_here
+from controllers.supervisor import Supervisor
+from controllers.whole_body.config import ControllerConfig
+from controllers.whole_body.controller import TickResult, WholeBodyController
+from controllers.whole_body.robot_config import controller_config
+from robots.checks import all_finite
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
+from robots.messages import Array, MotorCommand, RobotState
+from robots.pinocchio_model import standing_configuration
+from safety.barriers.barrier import Barrier
+from safety.geometry.shapes import Obstacle
+
+if TYPE_CHECKING:
+    from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
+
+SETTLE = 1.5
+"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
+
+HANDS = ("left hand", "right hand")
+
+MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
+"""Makes a motion from the robot and the references at the start."""
+
+MakeGait = Callable[[RobotDescription, RobotState], Gait]
+"""Makes a gait from the robot and its state at the start, both feet on the ground."""
+
+
+@dataclass(frozen=True, slots=True)
+class AgentOutput:
+    """What one tick of an agent came to.
+
+    Attributes:
+        command: for the motors.
+        result: the controller's; ``None`` once the motors fade out.
+        reference: what was asked for, the agent's own: the next tick changes it.
+        obstacles: what the controller was told, in the order of its slots.
+    """
+
+    command: MotorCommand
+    result: TickResult | None
+    reference: WholeBodyReference
+    obstacles: Sequence[Obstacle]
+
+
+class Agent:
+    """Controller, supervisor, obstacle tracks, gait, motions and references of one robot behind one call a tick.
+
+    What happens on a stop is here and not with whoever calls. Two ways to stop, both for good, both with the first
+    cause kept:
+
+    - *Hold* (:meth:`hold`), where the state is sound but the task cannot go on: an obstacle's track is too old, a
+      reference is no number, or somebody asks for it. A gait is stopped and brings the robot to rest on both feet;
+      without one the references freeze. Hands stay where they are asked to be. The controller goes on keeping balance,
+      among the obstacles last known, at rest.
+    - *Fade-out*, where the state or the controller cannot be trusted: see :class:`controllers.supervisor.Supervisor`.
+
+    Between ticks anything may change: ``motions`` (a list), the gait's command, obstacles that are detected for the
+    first time or :meth:`forgotten <forget>`, the controller's filter and parameters.
+
+    Args:
+        robot: the description.
+        config: of the controller; that of the description if not given.
+        gait: makes what moves feet and balance; without one the robot stands on both feet.
+        motions: each makes what moves other parts of the references.
+        with_hands: whether the hands are tasks.
+        obstacle_slots: kinds of the obstacles that the controller can keep away from at a time; where there are more of
+            a kind, the nearest count.
+        tracking: how detections become obstacles.
+        extra_barriers: see :class:`controllers.whole_body.controller.WholeBodyController`.
+        clock: monotonic seconds, for the stage times.
+
+    Attributes:
+        controller: the whole-body controller.
+        supervisor: of the controller.
+        reference: of all tasks; after :meth:`reset`.
+        gait: as made; ``None`` for none.
+        motions: applied in their order, after the gait.
+
+    Raises:
+        ConfigError: a setting is not allowed.
+    """
+
+    def __init__(
+        self,
+        robot: RobotDescription,
+        config: ControllerConfig | None = None,
+        *,
+        gait: MakeGait | None = None,
+        motions: Sequence[MakeMotion] = (),
+        with_hands: bool = False,
+        obstacle_slots: Sequence[str] = (),
+        tracking: "TrackingSettings | None" = None,
+        extra_barriers: Callable[[Kinematics], Sequence[Barrier]] | None = None,
+        clock: Callable[[], float] = time.perf_counter,
+    ) -> None:
+        self.robot = robot
+        self.controller = WholeBodyController(
+            robot, config or controller_config(robot), with_hands, obstacle_slots, clock, extra_barriers
+        )
+        self._make_gait, self._make_motions = gait, tuple(motions)
+        self._tracking, self._slots = tracking, ObstacleSlots(obstacle_slots)
+        self.gait: Gait | None = None
+        self.motions: list[Motion] = []
+        self._begun, self._start_time = False, 0.0
+        self.controller.kin.update_geometry(standing_configuration(robot))
+        self.reference = reference_here(self.controller.kin, with_hands)
+        self._forget_everything()
+
+    def _forget_everything(self) -> None:
+        self.supervisor = Supervisor(self.controller)
+        self.tracker = self._make_tracker()
+        self._obstacles: Sequence[Obstacle] = self._slots.fill({}, np.zeros(3))
+        self._frozen: WholeBodyReference | None = None
+        self._sound_hands: tuple[PointReference, PointReference] | None = None
+
+    def _make_tracker(self) -> "ObstacleTracker | None":
+        if not self._slots.kinds:
+            return None
+        # here, because the tracks' filter brings scipy.stats with it, which a robot without obstacles need not wait for
+        from controllers.obstacle_tracker import ObstacleTracker  # noqa: PLC0415
+
+        return ObstacleTracker(self._tracking)
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        return self.controller.config.dt
+
+    @property
+    def stop_cause(self) -> str | None:
+        """Why the robot was stopped; ``None`` while it runs."""
+        return self.supervisor.cause
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of obstacles that found no slot in the last tick."""
+        return self._slots.left_out
+
+    def warm_up(self) -> None:
+        """Have everything ready that the first tick would wait for; see :meth:`WholeBodyController.warm_up`."""
+        self.controller.warm_up()
+
+    def reset(self, state: RobotState, start: Array | None = None) -> None:
+        """Start from a state at rest on both feet: references where the robot is, new gait and motions, no stop.
+
+        Args:
+            state: measured. Its stamp is time zero of gait and motions.
+            start: shape (nq,) configuration from which the references begin, where that is known better than it is
+                measured: a named posture that the robot was put in. That of ``state`` if not given.
+        """
+        self._begun, self._start_time = True, state.stamp
+        self._forget_everything()
+        controller, kin = self.controller, self.controller.kin
+        begin = state if start is None else replace(state, q=start, v=np.zeros(kin.nv))
+        kin.update(begin.q, begin.v)
+        self.reference = reference_here(kin, with_hands=controller.with_hands)
+        self.gait = None if self._make_gait is None else self._make_gait(self.robot, begin)
+        self.motions = []
+        if self.gait is None:
+            self.motions.append(CenterOfMassShift(kin.com.copy(), self.reference.com.position, SETTLE))
+        self.motions += [make(self.robot, self.reference) for make in self._make_motions]
+        controller.reset(state)
+
+    def tick(self, state: RobotState, detections: Sequence[Detection] = ()) -> AgentOutput:
+        """The command for a measured state.
+
+        Args:
+            state: measured or estimated.
+            detections: what sensors saw since the last tick.
+
+        Returns:
+            The command and what led to it; a command in every tick, whatever is wrong.
+
+        Raises:
+            ConfigError: detections are given to an agent without obstacle slots.
+        """
+        sound = self.supervisor.inspect(state)
+        if sound and not self._begun:
+            self.reset(state)
+        if sound:
+            self.controller.update(state)
+            self._move_references(state)
+            self._observe(detections, state.stamp)
+        reference = self._asked_for()
+        command, result = self.supervisor.respond(state, reference, self._obstacles)
+        return AgentOutput(command, result, reference, self._obstacles)
+
+    def references_at(self, state: RobotState) -> WholeBodyReference:
+        """What would be asked for at a sound state, without a command: the motion that gait and motions have in mind.
+
+        The references are the agent's own, and moved on as :meth:`tick` moves them.
+        """
+        self.controller.update(state)
+        self._move_references(state)
+        return self._asked_for()
+
+    def hold(self, cause: str, stamp: float) -> None:
+        """Stop the task for ``cause``, from the tick at ``stamp`` [s] on, and keep balance; the first cause stays."""
+        self.supervisor.latch(cause, stamp)
+
+    def forget(self, name: str) -> None:
+        """The obstacle of this name is gone."""
+        if self.tracker is not None:
+            self.tracker.forget(name)
+
+    # -- obstacles
+
+    def _observe(self, detections: Sequence[Detection], stamp: float) -> None:
+        """Bring the tracks up to ``stamp`` [s]; one that is too old holds the robot, among what was known last."""
+        if detections and self.tracker is None:
+            raise ConfigError("obstacle_slots", self._slots.kinds, f"a slot for {detections[0].name}")
+        if self.tracker is None:
+            return
+        for detection in detections:
+            self.tracker.observe(detection)
+        if fault := self.tracker.fault(stamp):
+            self.hold(fault, stamp)
+            self._obstacles = [obstacle.at_rest() for obstacle in self._obstacles]
+        else:
+            self._obstacles = self._slots.fill(self.tracker.obstacles(stamp), self.controller.kin.com)
+
+    # -- references
+
+    def _move_references(self, state: RobotState) -> None:
+        """References of this tick. After a stop a gait comes to rest, and hands stay where they are beside it."""
+        t, stopped = state.stamp - self._start_time, self.supervisor.cause is not None
+        reference = self.reference
+        if self.gait is not None:
+            if stopped:
+                self.gait.stop()
+            self.gait.apply(reference, t, state)
+        last = min(t, self.supervisor.stopped_at - self._start_time) if stopped else t
+        for motion in self.motions:
+            motion.apply(reference, last)
+        self._check_hands(state.stamp)
+        if stopped:
+            for hand in reference.hands or ():
+                hand.velocity, hand.acceleration = np.zeros(3), np.zeros(3)
+
+    def _check_hands(self, stamp: float) -> None:
+        """A hand sent to no number holds the robot, with both hands where they were sent last."""
+        hands = self.reference.hands
+        if hands is None:
+            return
+        for name, hand in zip(HANDS, hands, strict=True):
+            if not all_finite(hand.position, hand.velocity, hand.acceleration):
+                self.hold(f"reference of the {name} is not finite", stamp)
+                # not the one that was refused: whoever sent it may go on writing to it
+                self.reference.hands = copy.deepcopy(self._sound_hands) or self._hands_here()
+                return
+        self._sound_hands = hands
+
+    def _hands_here(self) -> tuple[PointReference, PointReference]:
+        kin, roles = self.controller.kin, self.robot.roles
+        left, right = (kin.frame_placement(kin.frame_id(roles[r]))[1].copy() for r in ("left_hand", "right_hand"))
+        return PointReference(left), PointReference(right)
+
+    def _asked_for(self) -> WholeBodyReference:
+        """The reference of this tick; after a stop without a gait, that of the moment of the stop, at rest."""
+        if self.supervisor.cause is None or self.gait is not None or self.supervisor.fading:
+            return self.reference
+        if self._frozen is None:
+            self._frozen = copy.deepcopy(self.reference)
+            for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):
+                point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
+        return self._frozen

@@ -1,0 +1,101 @@
+"""Kalman filters of the obstacles that are detected, by name."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from controllers.perception import Detection
+from robots.checks import require_non_negative, require_one_of
+from safety.geometry.shapes import Obstacle
+from safety.tracking import ObstacleTrack, TrackerSettings
+
+VELOCITIES = ("estimated", "zero", "measured")
+"""What velocity the obstacles are given: the tracks' estimate; none, to see what the estimate is worth; or that of the
+detection, where a sensor measures it."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackingSettings:
+    """How detections become obstacles.
+
+    Attributes:
+        track: of each obstacle's Kalman filter.
+        kappa: by how many standard deviations of its position each obstacle is enlarged, 0 or above. The enlargement
+            grows while an obstacle is not seen; that growth is not part of its velocity.
+        velocity: one of ``VELOCITIES``.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+
+    track: TrackerSettings = field(default_factory=TrackerSettings)
+    kappa: float = 0.0
+    velocity: str = "estimated"
+
+    def __post_init__(self) -> None:
+        require_non_negative("tracker kappa", self.kappa)
+        require_one_of("tracker velocity", self.velocity, VELOCITIES)
+
+
+class ObstacleTracker:
+    """Tracks obstacles by name; each gets a Kalman filter of its own with its first detection.
+
+    Orientation and size are those of the last detection.
+
+    Attributes:
+        tracks: by name, in the order in which the obstacles were first detected.
+    """
+
+    def __init__(self, settings: TrackingSettings | None = None) -> None:
+        self._settings = settings or TrackingSettings()
+        self.tracks: dict[str, ObstacleTrack] = {}
+        self._shapes: dict[str, Obstacle] = {}
+        self._asked: float | None = None
+
+    def observe(self, detection: Detection) -> bool:
+        """Take in a detection. What it changes is fed in from what :meth:`obstacles` gave last on.
+
+        Returns:
+            Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
+        """
+        name = detection.name
+        if name not in self.tracks:
+            self.tracks[name] = ObstacleTrack(self._settings.track)
+        if detection.seen or name not in self._shapes:
+            self._shapes[name] = detection.shape
+        position = detection.shape.position if detection.seen else None
+        return self.tracks[name].measure(position, detection.stamp, self._asked)
+
+    def forget(self, name: str) -> None:
+        """The obstacle of this name is gone; nothing happens where there is none."""
+        self.tracks.pop(name, None)
+        self._shapes.pop(name, None)
+
+    def fault(self, stamp: float) -> str | None:
+        """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""
+        for name, track in self.tracks.items():
+            if fault := track.fault(stamp):
+                return f"track of {name} is {fault}"
+        return None
+
+    def obstacles(self, stamp: float) -> dict[str, Obstacle]:
+        """The obstacles predicted to ``stamp`` [s], by name.
+
+        Raises:
+            ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
+        """
+        kappa, velocities = self._settings.kappa, self._settings.velocity
+        out = {}
+        for name, track in self.tracks.items():
+            position, velocity = track.estimate(stamp)
+            # without kappa the covariance is not needed
+            margin = kappa * track.position_sigma(stamp) if kappa else 0.0
+            shape = self._shapes[name]
+            if velocities == "zero":
+                velocity = np.zeros(3)
+            elif velocities == "measured":
+                velocity = shape.velocity
+            out[name] = replace(shape, position=position, velocity=velocity).enlarged(margin)
+        # not before: what a refused stamp asked for was not handed out
+        self._asked = stamp
+        return out

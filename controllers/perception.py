@@ -65,7 +65,7 @@ class ObstacleSlots:
         waiting = [name for name in obstacles if name not in self._holder]
         if waiting:
             self._place(waiting, obstacles, centre)
-        self.left_out = tuple(name for name in waiting if name not in self._holder)
+        self.left_out = tuple(name for name in obstacles if name not in self._holder)
         return [
             empty if name is None else obstacles[name] for name, empty in zip(self._holder, self._empty, strict=True)
         ]

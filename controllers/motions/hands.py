@@ -98,6 +98,19 @@ class HandCircles:
         self._axes = (u, w / np.linalg.norm(w))
         self._start = hands
 
+    @classmethod
+    def for_robot(cls, robot: RobotDescription, reference: WholeBodyReference) -> "HandCircles":
+        """The circles of the description, from where ``reference`` has the hands: what an agent makes the motion from.
+
+        Raises:
+            ConfigError: the reference has no hands, or a value of the description is not allowed.
+            DescriptionError: the description has no circle.
+        """
+        if reference.hands is None:
+            raise ConfigError("hands", None, "tasks of the agent: with_hands=True")
+        left, right = reference.hands
+        return cls(circle_settings(robot), (left.position.copy(), right.position.copy()))
+
     def _phase(self, t: float) -> tuple[float, float, float]:
         """Angle [rad] and its two rates: the speed rises over ``start`` as (1 - cos) / 2."""
         s = self._settings
@@ -190,18 +203,18 @@ class CarriedHands:
         """
         if reference.hands is None:
             raise ConfigError("hands", None, "given by the reference")
-        back = _heading_axes(reference).T
+        back = heading_axes(reference).T
         left, right = (back @ (hand.position - reference.com.position) for hand in reference.hands)
         self._places = (left, right)
 
     def apply(self, reference: WholeBodyReference, t: float) -> None:
         """See :meth:`Motion.apply`."""
-        axes, rate, com = _heading_axes(reference), reference.turn_rate, reference.com
+        axes, rate, com = heading_axes(reference), reference.turn_rate, reference.com
         left, right = (axes @ place for place in self._places)
         reference.hands = (_carried(com, left, rate), _carried(com, right, rate))
 
 
-def _heading_axes(reference: WholeBodyReference) -> Array:
+def heading_axes(reference: WholeBodyReference) -> Array:
     """Rotation (3, 3) about the vertical that has the direction of the base's forward axis."""
     c, s = reference.base_rotation[:2, 0] / np.linalg.norm(reference.base_rotation[:2, 0])
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])

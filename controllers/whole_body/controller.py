@@ -93,7 +93,6 @@ class WholeBodyController:
         extra = () if extra_barriers is None else extra_barriers(self.kin)
         self.barriers: BarrierSet = standard_barriers(self.kin, obstacle_kinds, extra)
         self._obstacles = next((b for b in self.barriers.barriers if isinstance(b, ObstacleBarrier)), None)
-        self.obstacle_count = 0 if self._obstacles is None else self._obstacles.count
         safety = config.safety
         v_max = safety.velocity_scale * robot.joint_array("velocity")
         v_max = np.concatenate([[safety.base_linear] * 3, [safety.base_angular] * 3, v_max])
@@ -259,6 +258,8 @@ class WholeBodyController:
         """Rows at the kinematics' state, of second order where accelerations are filtered."""
         if self._obstacles is not None:
             self._obstacles.set_obstacles(obstacles)
+        elif obstacles:
+            raise ValueError(f"{len(obstacles)} obstacles given, 0 announced")
         second_order = self.acceleration_filter is not None
         if second_order:
             self.kin.update_second_order()

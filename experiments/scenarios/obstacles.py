@@ -100,6 +100,7 @@ class Encounter:
     def __init__(self, sphere: PassingSphere, sensor: PositionSensor, seen: SensorSettings) -> None:
         self.sphere = sphere
         self._sensor = sensor
+        self._looked_for = False
         # here, because the tracks' filter brings scipy.stats with it, which a run without obstacles need not wait for
         from controllers.obstacle_tracker import TrackingSettings
         from safety.tracking import TrackerSettings
@@ -109,10 +110,14 @@ class Encounter:
 
     def detections(self, t: float) -> list[Detection]:
         """What the sensor sees at ``t`` [s], its velocity without error."""
-        measured = self._sensor.measure(self.sphere.position(t), t)
-        if measured is None:
+        place = self.sphere.position(t)
+        measured = self._sensor.measure(place, t)
+        # an obstacle that is there from the start is looked for from the start
+        first, self._looked_for = not self._looked_for, True
+        if measured is None and not first:
             return []
-        return [Detection(self.NAME, t, Obstacle.sphere(measured, self.sphere.radius, self.sphere.velocity(t)))]
+        shape = Obstacle.sphere(place if measured is None else measured, self.sphere.radius, self.sphere.velocity(t))
+        return [Detection(self.NAME, t, shape, seen=measured is not None)]
 
     def true(self, t: float) -> list[Obstacle]:
         """What really is at ``t`` [s]."""

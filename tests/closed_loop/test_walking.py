@@ -1,4 +1,4 @@
-"""Walking in closed loop: a fifth heavier than the model; a push; a stop in the middle of a step."""
+"""Walking in closed loop: a fifth heavier than the model; a push."""
 
 import dataclasses
 import functools
@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from controllers.gaits.footsteps import VelocityCommand
-from controllers.supervisor import Supervisor
 from experiments.recording.recording import RunResult
-from experiments.running import loop
 from experiments.running.run import run
 from experiments.scenarios.options import PlantOptions, RunOptions, WalkOptions
 from experiments.scenarios.scenario import DIRECTIONS, Push
 from experiments.scenarios.walk import meeting, run_walk, walk_scenario
 from robots.loader import load_robot
-from robots.messages import MotorCommand, RobotState
 
 SPEED = 0.2
 PUSHED_AT = 1.8
@@ -105,30 +102,3 @@ def test_a_push_to_the_side_moves_a_foothold_and_the_robot_walks_on() -> None:
     velocity = np.gradient(series["com"][:, 1], time)
     gained = velocity[np.searchsorted(time, PUSHED_AT + 0.1)] - velocity[np.searchsorted(time, PUSHED_AT)]
     assert 0.02 < gained < 0.3
-
-
-def test_a_stop_in_mid_step_ends_on_both_feet(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The supervisor holds, the gait comes to rest: both feet down, side by side, the robot standing still."""
-    stop_at, aftermath = 1.5, loop.GAIT_AFTERMATH
-    tick = Supervisor.tick
-
-    def stopping(self: Supervisor, state: RobotState, *args: object) -> tuple[MotorCommand, object]:
-        if state.stamp >= stop_at:
-            self.hold("because", state.stamp)
-        return tick(self, state, *args)  # type: ignore[arg-type]
-
-    monkeypatch.setattr(Supervisor, "tick", stopping)
-    robot = load_robot("g1")
-    result = run(walk_scenario(robot, walk_until), RunOptions(robot="g1", duration=8.0))
-    summary, series = result.summary, result.series
-    assert summary["stop_cause"] == "because"
-    assert summary["duration_s"] == pytest.approx(stop_at + aftermath, abs=0.01)
-    assert not summary["fell"]
-    at = np.searchsorted(series["time"], stop_at)
-    assert series["in_contact"][at].sum() == 1, "the stop was not in mid-step"
-    assert np.isfinite(series["v_safe"]).all(), "a hold computes on"
-    assert series["in_contact"][-1].all()
-    assert abs(series["soles"][-1, 0, 0] - series["soles"][-1, 1, 0]) < 0.03
-    assert np.abs(series["v"][-1]).max() < 0.1
-    force = series["foot_wrench"][-1, :, 2]
-    assert 0.3 < force[0] / force.sum() < 0.7

@@ -8,8 +8,7 @@ import pytest
 
 from controllers.gaits.footsteps import LEFT, RIGHT
 from controllers.gaits.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
-from controllers.reference import WholeBodyReference, reference_here
-from controllers.supervisor import Supervisor
+from controllers.reference import reference_here
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config, from_table
@@ -251,25 +250,6 @@ def test_hands_go_there_and_back(robot: RobotDescription) -> None:
     both = np.array(rows).reshape(-1, 2, 3, 3)
     for i in (0, 1):
         assert_smooth(both[:, i, 0], both[:, i, 1], both[:, i, 2])
-
-
-def test_a_stopped_robot_follows_the_gait_to_rest(robot: RobotDescription, monkeypatch: pytest.MonkeyPatch) -> None:
-    """After a stop the supervisor does not freeze the references, which would leave the robot on one leg."""
-    drive = Drive(robot)
-    drive.step()
-    controller = WholeBodyController(robot, controller_config(robot), with_hands=True)
-    supervisor = Supervisor(controller)
-    seen: list[WholeBodyReference] = []
-    tick = controller.tick
-    monkeypatch.setattr(
-        controller, "tick", lambda state, reference, *rest: seen.append(reference) or tick(state, reference, *rest)
-    )
-    state = drive.state(np.zeros(3), np.full(2, 0.5 * drive.weight))
-    controller.reset(state)
-    supervisor.hold("a test", 0.0)
-    _, result = supervisor.tick(state, drive.reference)
-    assert result is not None
-    assert seen[0] is drive.reference
 
 
 @pytest.mark.parametrize("name", ["shift_time", "lift_height", "ready_error", "touch_share", "late_time"])

@@ -1,0 +1,362 @@
+"""The agent in closed loop, and nobody but the loop around it: stops, and what changes between ticks."""
+
+import tracemalloc
+from collections.abc import Callable, Sequence
+
+import numpy as np
+import pytest
+
+from controllers.agent import Agent, AgentOutput, MakeGait
+from controllers.gaits.commands import CommandedWalk
+from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.one_leg import OneLeg, OneLegTuning
+from controllers.gaits.walking import Walking
+from controllers.gaits.walking_config import walk_tuning, walking_changes
+from controllers.motions.hand_targets import HandTargets
+from controllers.motions.hands import HandCircles
+from controllers.perception import Detection
+from controllers.reference import PointReference, WholeBodyReference
+from controllers.whole_body.robot_config import controller_config, from_table
+from experiments.running.ground_truth import TrueBarriers
+from experiments.running.loop import ClosedLoop, Observer
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.messages import Array, RobotState
+from robots.mujoco_spec import PhysicalChanges
+from robots.pinocchio_model import standing_configuration
+from safety.geometry.shapes import Obstacle
+from sims.plant import MujocoPlant, PlantConfig
+
+HEAVY = PhysicalChanges(mass_scale=1.2)
+
+
+class Watch(Observer):
+    """Keeps the last of everything, and calls ``act`` before every tick."""
+
+    def __init__(self, act: Callable[[ClosedLoop], None] | None = None) -> None:
+        self.act = act
+        self.outputs: list[AgentOutput] = []
+
+    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+        self.outputs.append(output)
+
+    def ends(self, loop: ClosedLoop) -> bool:
+        if self.act is not None:
+            self.act(loop)
+        return False
+
+
+class Seen:
+    """A world in which ``what(t)`` is detected at every tick."""
+
+    def __init__(self, what: Callable[[float], dict[str, Obstacle]]) -> None:
+        self.what = what
+
+    def detections(self, t: float) -> Sequence[Detection]:
+        return [Detection(name, t, shape) for name, shape in self.what(t).items()]
+
+    def act(self, t: float) -> None:
+        pass
+
+
+def standing_plant(robot: RobotDescription, posture: str = "standing", heavy: bool = False) -> MujocoPlant:
+    config = PlantConfig(changes=HEAVY if heavy else PhysicalChanges())
+    plant = MujocoPlant(robot, config, np.random.default_rng(0))
+    plant.reset(standing_configuration(robot, posture))
+    return plant
+
+
+def hand_agent(robot: RobotDescription, **options: object) -> tuple[MujocoPlant, Agent]:
+    plant = standing_plant(robot, "hands_front")
+    agent = Agent(robot, motions=[HandTargets], with_hands=True, **options)  # type: ignore[arg-type]
+    agent.reset(plant.state())
+    return plant, agent
+
+
+def targets_of(agent: Agent) -> HandTargets:
+    (motion,) = (m for m in agent.motions if isinstance(m, HandTargets))
+    return motion
+
+
+def left_hand(plant: MujocoPlant) -> Array:
+    return plant.frame_position(plant.robot.roles["left_hand"])
+
+
+def is_upright(plant: MujocoPlant, height: float) -> bool:
+    q = plant.true_state().q
+    return bool(1 - 2 * (q[3] ** 2 + q[4] ** 2) > 0.98 and abs(q[2] - height) < 0.05)
+
+
+# --- stops
+
+
+def walking_agent(robot: RobotDescription) -> Agent:
+    def gait(robot: RobotDescription, state: RobotState) -> CommandedWalk:
+        return CommandedWalk(Walking(robot, walk_tuning(robot), state), lambda t: VelocityCommand(vx=0.2))
+
+    config = controller_config(robot, **walking_changes(robot, load_estimate=True))
+    return Agent(robot, config, gait=gait)
+
+
+def test_a_hold_in_mid_step_ends_on_both_feet(robot: RobotDescription) -> None:
+    """Nobody helps: the gait is stopped, the step closes, and the robot stands still."""
+    plant, agent = standing_plant(robot, heavy=True), walking_agent(robot)
+    agent.reset(plant.state())
+    height = float(plant.true_state().q[2])
+    loop = ClosedLoop(plant, agent, steps=2)
+    loop.run(2.5)
+    while agent.reference.in_contact.all():
+        assert loop.step()
+    for _ in range(40):
+        loop.step()
+    assert agent.reference.in_contact.sum() == 1, "not in mid-step"
+    agent.hold("because", plant.time)
+    start = plant.center_of_mass().copy()
+    loop.run(4.5)
+    assert agent.stop_cause == "because"
+    assert agent.reference.in_contact.all()
+    assert is_upright(plant, height)
+    assert np.abs(plant.true_state().v).max() < 0.1
+    force = plant.contact_wrenches()[:, 2]
+    assert 0.3 < force[0] / force.sum() < 0.7
+    soles = plant.sole_corners().mean(axis=1)
+    assert abs(soles[0, 0] - soles[1, 0]) < 0.03
+    # the rest of this step and the one that closes
+    assert plant.center_of_mass()[0] - start[0] < 0.35
+
+
+def test_a_hold_on_one_leg_ends_on_both_feet(robot: RobotDescription) -> None:
+    def gait(robot: RobotDescription, state: RobotState) -> OneLeg:
+        return OneLeg(robot, from_table(OneLegTuning, robot, "taichi"), state)
+
+    plant = standing_plant(robot)
+    agent = Agent(robot, gait=gait)
+    agent.reset(plant.state())
+    height, loop = float(plant.true_state().q[2]), ClosedLoop(plant, agent, steps=2)
+    while agent.reference.in_contact.all():
+        assert loop.step()
+    loop.run(1.0)
+    agent.hold("because", plant.time)
+    loop.run(6.0)
+    assert agent.reference.in_contact.all()
+    assert is_upright(plant, height)
+    force = plant.contact_wrenches()[:, 2]
+    assert force.min() > 0.2 * force.sum()
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_hand_sent_to_no_number_holds_the_robot(robot: RobotDescription, side: int) -> None:
+    """The hand stays where it was sent last; balance is kept, and the cause names the hand."""
+
+    class Broken:
+        def apply(self, reference: WholeBodyReference, t: float) -> None:
+            hands = [PointReference(p.copy()) for p in starts]
+            if t > 0.2:
+                hands[side].position[1] = np.nan
+            reference.hands = hands[0], hands[1]
+
+    plant = standing_plant(robot, "hands_front")
+    agent = Agent(robot, with_hands=True)
+    agent.reset(plant.state())
+    assert agent.reference.hands is not None
+    starts = [hand.position.copy() for hand in agent.reference.hands]
+    agent.motions.append(Broken())
+    height = float(plant.true_state().q[2])
+    watch = Watch()
+    ClosedLoop(plant, agent, observers=[watch], steps=2).run(2.5)
+    assert agent.stop_cause == f"reference of the {('left', 'right')[side]} hand is not finite"
+    assert all(output.result is not None for output in watch.outputs)
+    assert is_upright(plant, height)
+    np.testing.assert_allclose(left_hand(plant), starts[0], rtol=0, atol=0.01)
+
+
+def test_a_state_that_is_none_fades_the_motors_out_and_moves_nothing(robot: RobotDescription) -> None:
+    plant, agent = hand_agent(robot)
+    good = plant.state()
+    agent.tick(good)
+    broken = plant.state()
+    broken.q[7] = np.nan
+    output = agent.tick(broken)
+    assert output.result is None
+    assert agent.supervisor.fading
+    assert np.isfinite(output.command.tau).all()
+
+
+def test_the_first_state_may_be_the_broken_one(robot: RobotDescription) -> None:
+    plant = standing_plant(robot)
+    agent, state = Agent(robot), plant.state()
+    state.q[7] = np.nan
+    command = agent.tick(state).command
+    np.testing.assert_array_equal(command.kp, 0.0)
+    assert agent.stop_cause is not None
+    assert agent.tick(plant.state()).result is None
+
+
+# --- obstacles that appear and go
+
+
+def sphere_at(place: Array, velocity: Array | None = None) -> Obstacle:
+    return Obstacle.sphere(place, 0.08, velocity)
+
+
+def test_obstacles_appear_and_go(robot: RobotDescription) -> None:
+    """A sphere where the hand is pushes it away; once it is gone the hand comes back; nothing stops the robot."""
+    plant, agent = hand_agent(robot, obstacle_slots=("sphere", "sphere"))
+    start = left_hand(plant)
+    place = start + np.array([0.12, 0.0, 0.0])
+
+    def around(t: float) -> dict[str, Obstacle]:
+        return {"ball": sphere_at(place)} if 0.5 < t < 2.0 else {}
+
+    def forgets(loop: ClosedLoop) -> None:
+        if loop.time > 2.0:
+            agent.forget("ball")
+
+    truth, watch = TrueBarriers(robot, ("sphere",)), Watch(forgets)
+    loop = ClosedLoop(plant, agent, Seen(around), [watch], 2)
+    loop.run(0.5)
+    np.testing.assert_allclose(left_hand(plant), start, rtol=0, atol=0.01)
+    loop.run(1.4)
+    h = truth.evaluate(plant.true_state().q, [sphere_at(place)]).h[truth.slices["obstacle"]].min()
+    assert h > 0.0
+    loop.run(2.5)
+    assert agent.stop_cause is None
+    np.testing.assert_allclose(left_hand(plant), start, rtol=0, atol=0.01)
+
+
+def test_more_obstacles_than_slots_stop_nobody(robot: RobotDescription) -> None:
+    """Today's nearest count, and the others are named."""
+    plant, agent = hand_agent(robot, obstacle_slots=("sphere",))
+    start = left_hand(plant)
+    crowd = {f"ball {i}": sphere_at(start + np.array([0.3 + 0.3 * i, 0.0, 0.0])) for i in range(4)}
+    watch = Watch()
+    ClosedLoop(plant, agent, Seen(lambda t: crowd), [watch], 2).run(0.2)
+    assert agent.stop_cause is None
+    assert set(agent.left_out) == {"ball 1", "ball 2", "ball 3"}
+    np.testing.assert_allclose(watch.outputs[-1].obstacles[0].position, crowd["ball 0"].position, rtol=0, atol=1e-6)
+
+
+def test_a_track_that_grows_old_holds_the_robot_by_name(robot: RobotDescription) -> None:
+    plant, agent = hand_agent(robot, obstacle_slots=("sphere",))
+    place, rate = left_hand(plant) + np.array([0.6, 0.0, 0.0]), np.array([0.1, 0.0, 0.0])
+    seen = Seen(lambda t: {"ball": sphere_at(place + t * rate)} if t < 0.3 else {})
+    watch = Watch()
+    ClosedLoop(plant, agent, seen, [watch], 2).run(1.0)
+    assert agent.stop_cause is not None
+    assert agent.stop_cause.startswith("track of ball is")
+    last = watch.outputs[-1]
+    assert last.result is not None, "a hold computes on"
+    np.testing.assert_array_equal(last.obstacles[0].velocity, 0.0)
+
+
+def test_a_detection_needs_a_slot(robot: RobotDescription) -> None:
+    plant, agent = hand_agent(robot)
+    with pytest.raises(ConfigError, match="obstacle_slots"):
+        agent.tick(plant.state(), [Detection("ball", 0.0, sphere_at(np.ones(3)))])
+
+
+# --- hand targets
+
+
+def test_a_hand_follows_targets_in_the_world(robot: RobotDescription) -> None:
+    plant, agent = hand_agent(robot)
+    start = left_hand(plant)
+    loop = ClosedLoop(plant, agent, steps=2)
+    for offset in ([0.0, 0.05, 0.06], [0.03, 0.0, -0.04]):
+        targets_of(agent).set("left", start + np.array(offset))
+        loop.run(2.0)
+        np.testing.assert_allclose(left_hand(plant), start + np.array(offset), rtol=0, atol=0.01)
+
+
+def test_a_target_in_the_heading_frame_goes_along(robot: RobotDescription) -> None:
+    """The same numbers, wherever the robot stands and looks."""
+    plant, agent = hand_agent(robot)
+    com, start = agent.reference.com.position, left_hand(plant)
+    ground = np.array([com[0], com[1], plant.sole_corners()[..., 2].mean()])
+    targets_of(agent).set("left", start - ground + np.array([0.0, 0.04, 0.03]), "heading")
+    ClosedLoop(plant, agent, steps=2).run(2.0)
+    np.testing.assert_allclose(left_hand(plant), start + np.array([0.0, 0.04, 0.03]), rtol=0, atol=0.012)
+
+
+def test_a_reference_of_a_hand_never_jumps(robot: RobotDescription) -> None:
+    """Targets a metre apart from one tick to the next: position, speed and acceleration stay within the limits."""
+    _, agent = hand_agent(robot)
+    motion, reference, rng = targets_of(agent), agent.reference, np.random.default_rng(3)
+    points = []
+    for k in range(3000):
+        if k % 40 == 0:
+            motion.set("left", rng.uniform(-1.0, 1.0, 3), ("world", "heading")[k % 80 // 40])
+        motion.apply(reference, 0.002 * k)
+        assert reference.hands is not None
+        points.append(reference.hands[0].position)
+    rates = np.diff(points, axis=0) / 0.002
+    assert np.linalg.norm(rates, axis=1).max() <= motion.limits.speed * (1 + 1e-9)
+    assert np.linalg.norm(np.diff(rates, axis=0), axis=1).max() <= 0.002 * motion.limits.acceleration * (1 + 1e-9)
+
+
+def test_a_target_that_is_no_place_changes_nothing(robot: RobotDescription) -> None:
+    _, agent = hand_agent(robot)
+    motion = targets_of(agent)
+    for bad in (np.array([np.nan, 0.0, 0.0]), np.zeros(2), np.array([np.inf, 0.0, 0.0])):
+        with pytest.raises(ConfigError, match="target of the left hand"):
+            motion.set("left", bad)
+    with pytest.raises(ConfigError, match="side = 'middle'"):
+        motion.set("middle", np.zeros(3))
+    with pytest.raises(ConfigError, match="frame = 'camera'"):
+        motion.set("left", np.zeros(3), "camera")
+    motion.apply(agent.reference, 0.0)
+    motion.apply(agent.reference, 1.0)
+    assert agent.reference.hands is not None
+    np.testing.assert_array_equal(agent.reference.hands[0].velocity, 0.0)
+
+
+def test_circles_are_made_for_the_robot(robot: RobotDescription) -> None:
+    plant = standing_plant(robot, "hands_front")
+    agent = Agent(robot, motions=[HandCircles.for_robot], with_hands=True)
+    agent.reset(plant.state())
+    start = left_hand(plant)
+    ClosedLoop(plant, agent, steps=2).run(1.0)
+    assert np.linalg.norm(left_hand(plant) - start) > 0.02
+    assert agent.stop_cause is None
+    with pytest.raises(ConfigError, match="with_hands"):
+        Agent(robot, motions=[HandCircles.for_robot]).reset(plant.state())
+
+
+# --- for hours
+
+
+def test_without_a_recorder_nothing_is_kept(robot: RobotDescription) -> None:
+    """After two seconds another one leaves less than a kilobyte behind."""
+    plant, agent = hand_agent(robot, obstacle_slots=("sphere",))
+    place = left_hand(plant) + np.array([0.5, 0.0, 0.0])
+    loop = ClosedLoop(plant, agent, Seen(lambda t: {"ball": sphere_at(place)}), steps=2)
+    loop.run(2.0)
+    tracemalloc.start()
+    loop.run(0.1)
+    before = tracemalloc.get_traced_memory()[0]
+    loop.run(1.0)
+    assert tracemalloc.get_traced_memory()[0] - before < 1024
+    tracemalloc.stop()
+
+
+def test_a_gait_may_be_any(robot: RobotDescription) -> None:
+    """The agent asks nothing of a gait but what the protocol has."""
+
+    class Still:
+        stopped = 0
+
+        def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+            reference.turn_rate = 0.0
+
+        def stop(self) -> None:
+            self.stopped += 1
+
+    still = Still()
+    make: MakeGait = lambda robot, state: still  # noqa: E731
+    plant, agent = standing_plant(robot), Agent(robot, gait=make)
+    loop = ClosedLoop(plant, agent, steps=2)
+    loop.run(0.1)
+    assert still.stopped == 0
+    agent.hold("because", plant.time)
+    loop.run(0.1)
+    assert still.stopped > 0

@@ -157,7 +157,9 @@ class ClosedLoop:
             if stopped:
                 self.gait.stop()
             if all_finite(state.q, state.v):
-                self.gait.apply(self.reference, t, state)
+                kin = self.supervisor.controller.kin
+                kin.update(state.q, state.v)
+                self.gait.apply(self.reference, t, state, kin)
         for motion in self.motions:
             motion.apply(self.reference, min(t, self.supervisor.stopped_at) if stopped else t)
         if stopped:

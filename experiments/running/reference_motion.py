@@ -30,7 +30,8 @@ def reference_motion(controller: WholeBodyController, cast: Cast, q: Array, dura
     rest, v, torque = np.zeros(kin.nv), np.zeros(kin.nv), np.zeros(kin.nv - 6)
     for i in range(out.size):
         if cast.gait is not None:
-            cast.gait.apply(cast.reference, i * dt, RobotState(q, v, torque, i * dt))
+            kin.update(q, v)
+            cast.gait.apply(cast.reference, i * dt, RobotState(q, v, torque, i * dt), kin)
         for motion in cast.motions:
             motion.apply(cast.reference, i * dt)
         kin.update(q, rest)

@@ -207,7 +207,7 @@ def _cast(scenario: Scenario, controller: WholeBodyController, state: RobotState
     robot, kin = controller.robot, controller.kin
     kin.update(state.q, state.v)
     reference = reference_here(kin, with_hands=scenario.hands is not None)
-    gait = None if scenario.gait is None else scenario.gait(robot, state)
+    gait = None if scenario.gait is None else scenario.gait(kin)
     motions: list[Motion] = []
     if gait is None:
         motions.append(CenterOfMassShift(kin.com.copy(), reference.com.position, SETTLE))

@@ -15,7 +15,8 @@ from experiments.scenarios.obstacles import Encounter
 from robots.checks import require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from robots.messages import Array, RobotState
+from robots.kinematics import Kinematics
+from robots.messages import Array
 
 PUSH_TIME = 0.1
 """How long a push lasts [s]."""
@@ -24,7 +25,7 @@ DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": 270.0}
 """Directions of a push by name, seen from above, anticlockwise from the world's x axis [deg]."""
 
 MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
-MakeGait = Callable[[RobotDescription, RobotState], Gait]
+MakeGait = Callable[[Kinematics], Gait]
 MakeEncounter = Callable[[RobotDescription, WholeBodyReference, np.random.Generator], Encounter]
 Series = dict[str, Array]
 
@@ -114,7 +115,8 @@ class Scenario:
         experiment: its name, for the summary.
         posture: name of the posture it starts from.
         hands: makes the motion of the hands; ``None``: the hands are no task.
-        gait: makes what moves feet and balance; ``None``: the robot stands on both feet.
+        gait: makes what moves feet and balance, from kinematics at the first state; ``None``: the robot stands on both
+            feet.
         encounter: makes the obstacle; ``None``: there is none.
         pushes: on the torso.
         changes: fields of the controller's configuration that this scenario sets.

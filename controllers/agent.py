@@ -16,7 +16,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from controllers.whole_body.robot_config import controller_config
-from robots.checks import all_finite
+from robots.checks import all_finite, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
@@ -28,16 +28,13 @@ from safety.geometry.shapes import Obstacle
 if TYPE_CHECKING:
     from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
 
-SETTLE = 1.5
-"""Time over which the CoM goes from where the posture has it to over the middle of the feet [s]."""
-
 HANDS = ("left hand", "right hand")
 
 MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
 """Makes a motion from the robot and the references at the start."""
 
-MakeGait = Callable[[RobotDescription, RobotState], Gait]
-"""Makes a gait from the robot and its state at the start, both feet on the ground."""
+MakeGait = Callable[[Kinematics], Gait]
+"""Makes a gait from the kinematics at the start, both feet on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +78,8 @@ class Agent:
         obstacle_slots: kinds of the obstacles that the controller can keep away from at a time; where there are more of
             a kind, the nearest count.
         tracking: how detections become obstacles.
+        settle_time: over which the CoM goes from where the robot stands to over the middle of the feet, without a gait;
+            0 for at once [s].
         extra_barriers: see :class:`controllers.whole_body.controller.WholeBodyController`.
         clock: monotonic seconds, for the stage times.
 
@@ -105,10 +104,12 @@ class Agent:
         with_hands: bool = False,
         obstacle_slots: Sequence[str] = (),
         tracking: "TrackingSettings | None" = None,
+        settle_time: float = 1.5,
         extra_barriers: Callable[[Kinematics], Sequence[Barrier]] | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
-        self.robot = robot
+        require_non_negative("settle_time", settle_time)
+        self.robot, self._settle_time = robot, settle_time
         self.controller = WholeBodyController(
             robot, config or controller_config(robot), with_hands, obstacle_slots, clock, extra_barriers
         )
@@ -169,10 +170,10 @@ class Agent:
         begin = state if start is None else replace(state, q=start, v=np.zeros(kin.nv))
         kin.update(begin.q, begin.v)
         self.reference = reference_here(kin, with_hands=controller.with_hands)
-        self.gait = None if self._make_gait is None else self._make_gait(self.robot, begin)
+        self.gait = None if self._make_gait is None else self._make_gait(kin)
         self.motions = []
-        if self.gait is None:
-            self.motions.append(CenterOfMassShift(kin.com.copy(), self.reference.com.position, SETTLE))
+        if self.gait is None and self._settle_time > 0.0:
+            self.motions.append(CenterOfMassShift(kin.com.copy(), self.reference.com.position, self._settle_time))
         self.motions += [make(self.robot, self.reference) for make in self._make_motions]
         controller.reset(state)
 
@@ -243,7 +244,7 @@ class Agent:
         if self.gait is not None:
             if stopped:
                 self.gait.stop()
-            self.gait.apply(reference, t, state)
+            self.gait.apply(reference, t, state, self.controller.kin)
         last = min(t, self.supervisor.stopped_at - self._start_time) if stopped else t
         for motion in self.motions:
             motion.apply(reference, last)

@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from controllers.reference import WholeBodyReference, reference_here
-from controllers.whole_body.controller import WholeBodyController
-from controllers.whole_body.robot_config import controller_config
+from controllers.agent import Agent
+from controllers.reference import WholeBodyReference
 from experiments.running.reference_motion import reference_motion
-from experiments.scenarios.scenario import Cast
 from robots.description import RobotDescription
+from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
 
@@ -21,7 +20,7 @@ class Closing:
     def __init__(self) -> None:
         self.seen: list[tuple[float, Array, Array]] = []
 
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: Kinematics) -> None:
         assert state.foot_forces is None
         self.seen.append((t, state.q.copy(), state.v.copy()))
         for point, side in zip(reference.soles, (1.0, -1.0), strict=True):
@@ -33,21 +32,23 @@ class Closing:
         raise AssertionError("a reference motion is never stopped")
 
 
-def shadow(robot: RobotDescription, gait: Closing | None) -> tuple[WholeBodyController, Array]:
-    controller = WholeBodyController(robot, controller_config(robot), with_hands=False)
-    q = standing_configuration(robot)
-    controller.kin.update(q, np.zeros(controller.kin.nv))
-    reference = reference_here(controller.kin, with_hands=False)
-    return controller, reference_motion(controller, Cast(reference, gait, ()), q, DURATION)["h_self_reference"]
+def motion_of(robot: RobotDescription, gait: Closing | None) -> tuple[Agent, Array]:
+    agent, q = (
+        Agent(robot, gait=None if gait is None else lambda kin: gait, settle_time=0.0),
+        standing_configuration(robot),
+    )
+    zero = np.zeros(len(robot.joints))
+    agent.reset(RobotState(q, np.zeros(q.size - 1), zero, 0.0))
+    return agent, reference_motion(agent, q, DURATION)["h_self_reference"]
 
 
 def test_a_gait_moves_the_reference_and_is_shown_where_it_has_gone(robot: RobotDescription) -> None:
     """Feet drawn together come as much closer as they were told; the states shown are those of one motion."""
     gait = Closing()
-    controller, h = shadow(robot, gait)
-    dt, kin = controller.config.dt, controller.kin
+    agent, h = motion_of(robot, gait)
+    dt, kin = agent.dt, agent.controller.kin
     np.testing.assert_allclose([t for t, _, _ in gait.seen], dt * np.arange(round(DURATION / dt)), rtol=0, atol=1e-12)
-    apart, barriers = [], controller.barriers
+    apart, barriers = [], agent.controller.barriers
     pairs = slice(barriers.slices["self_collision"].start, barriers.slices["leg_collision"].stop)
     for (_, q, _), (_, after, v) in zip(gait.seen, gait.seen[1:], strict=False):
         np.testing.assert_allclose(kin.integrate(q, v, dt), after, rtol=0, atol=1e-12)
@@ -60,6 +61,6 @@ def test_a_gait_moves_the_reference_and_is_shown_where_it_has_gone(robot: RobotD
 
 
 def test_without_anything_that_moves_the_distance_stays(robot: RobotDescription) -> None:
-    controller, h = shadow(robot, None)
-    assert h.shape == (round(DURATION / controller.config.dt),)
+    agent, h = motion_of(robot, None)
+    assert h.shape == (round(DURATION / agent.dt),)
     np.testing.assert_allclose(h, h[0], rtol=0, atol=1e-3)

@@ -1,4 +1,4 @@
-"""The front door: every name is there, is the original, is seen by type checkers, and costs nothing until it is used."""
+"""The front door: every name is there, is the original, and costs nothing until it is used."""
 
 import ast
 import json

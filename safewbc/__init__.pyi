@@ -4,7 +4,8 @@ from controllers.gaits.commands import CommandedWalk as CommandedWalk
 from controllers.gaits.footsteps import VelocityCommand as VelocityCommand
 from controllers.gaits.walking import Walking as Walking
 from controllers.gaits.walking_config import walk_tuning as walk_tuning, walking_changes as walking_changes
-from controllers.motions.hands import HandCircles as HandCircles, HandsToTargets as HandsToTargets
+from controllers.motions.hand_targets import HandTargets as HandTargets
+from controllers.motions.hands import HandCircles as HandCircles
 from controllers.obstacle_tracker import ObstacleTracker as ObstacleTracker, TrackingSettings as TrackingSettings
 from controllers.perception import Detection as Detection
 from controllers.policies.nominal import NominalPolicy as NominalPolicy
@@ -28,6 +29,7 @@ from robots.pinocchio_model import (
 from robots.ports import Body as Body
 from safety.barriers.barrier import Barrier as Barrier, CollisionBodies as CollisionBodies
 from safety.barriers.barrier_set import standard_barriers as standard_barriers
+from safety.barriers.obstacles import ObstacleBarrier as ObstacleBarrier
 from safety.filters.conditions import BarrierParameters as BarrierParameters, FamilyParameters as FamilyParameters
 from safety.filters.results import FilterResult as FilterResult, FilterStatus as FilterStatus, explain as explain
 from safety.filters.safety_filter import SafetyFilter as SafetyFilter

@@ -26,10 +26,12 @@ def loaded_after(program: str) -> set[str]:
     return set(json.loads(run.stdout))
 
 
-def test_every_name_is_the_object_of_its_module() -> None:
+def test_every_name_is_the_object_of_the_module_that_defines_it() -> None:
     for statement in IMPORTS:
         for alias in statement.names:
-            assert getattr(sw, alias.name) is getattr(import_module(str(statement.module)), alias.name)
+            found = getattr(sw, alias.name)
+            assert found is getattr(import_module(str(statement.module)), alias.name)
+            assert found.__module__ == statement.module
 
 
 def test_the_names_are_a_list_that_one_can_read() -> None:

@@ -494,3 +494,14 @@ def test_frames_and_centre_of_mass_belong_to_the_state_just_reached(robot: Robot
         expected = kin.frame_placement(kin.frame_id(hand))[1]
         np.testing.assert_allclose(plant.frame_position(hand), expected, rtol=0, atol=1e-10)
         np.testing.assert_allclose(plant.center_of_mass(), kin.com, rtol=0, atol=1e-10)
+
+
+def test_a_new_plant_stands_at_rest(robot: RobotDescription) -> None:
+    state = MujocoPlant(robot).state()
+    np.testing.assert_array_equal(state.q, standing_configuration(robot))
+    np.testing.assert_array_equal(state.v, np.zeros_like(state.v))
+
+
+def test_noise_without_a_source_is_refused(robot: RobotDescription) -> None:
+    with pytest.raises(ConfigError, match="rng"):
+        MujocoPlant(robot, PlantConfig(noise=SensorNoise(joint_position=1e-3)))

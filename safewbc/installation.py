@@ -34,8 +34,9 @@ def _hidden(home: Path) -> Iterator[str]:
             if _foreign_files(name, place.parent.parent):
                 yield f"PyPI's project {name!r} hides ours in {home}: run `python -m pip uninstall {name}`"
             else:
+                module = place.parent if place.stem == "__init__" else place
                 yield (
-                    f"{place} hides our package {name!r} in {home}: rename it, or start where it is neither in the "
+                    f"{module} hides our package {name!r} in {home}: rename it, or start where it is neither in the "
                     "current folder nor on PYTHONPATH"
                 )
 

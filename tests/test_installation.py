@@ -48,9 +48,10 @@ def test_nothing_is_wrong_here() -> None:
 @pytest.mark.parametrize("name", PACKAGES)
 @pytest.mark.parametrize("form", ["{}/__init__.py", "{}.py"])
 def test_a_users_own_module_that_hides_ours_is_named(tmp_path: Path, name: str, form: str) -> None:
-    own = tmp_path / form.format(name)
-    own.parent.mkdir(exist_ok=True)
-    own.write_text("")
+    file = tmp_path / form.format(name)
+    file.parent.mkdir(exist_ok=True)
+    file.write_text("")
+    own = file.parent if file.stem == "__init__" else file
     code, told = call(["-m", "safewbc", "doctor"], tmp_path, ROOT)
     assert code == 2
     assert told == (
@@ -64,7 +65,7 @@ def test_an_import_from_the_front_door_tells_the_same(tmp_path: Path) -> None:
     (tmp_path / "controllers" / "__init__.py").write_text("")
     code, told = call(["-c", "import safewbc as sw; sw.Supervisor"], tmp_path, ROOT)
     assert code == 1
-    assert f"ImportError: {tmp_path / 'controllers' / '__init__.py'} hides our package 'controllers'" in told
+    assert f"ImportError: {tmp_path / 'controllers'} hides our package 'controllers'" in told
 
 
 def test_a_folder_without_a_package_in_it_hides_nothing(tmp_path: Path) -> None:

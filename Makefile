@@ -11,11 +11,16 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 
+# the site reads the sources without importing them, so its tools live apart from the stack
+DOCS_VENV := .venv-docs
+DOCS_STAMP := $(DOCS_VENV)/.installed
+DOCS_REQUIREMENTS = $(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pyproject.toml", "rb"))["project"]["optional-dependencies"]["docs"], sep="\n")'
+
 # A sourced ROS workspace puts its own pinocchio and pytest plugins on this path, ahead of the locked ones.
 unexport PYTHONPATH
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench lock clean distclean
+.PHONY: help setup demo test lint format bench docs lock clean distclean
 
 help: ## This list.
 	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
@@ -40,16 +45,26 @@ format: $(STAMP) ## Format, and mend what lint can mend.
 bench: $(STAMP) ## Time of one tick, by stage.
 	$(BIN)/safewbc bench tick $(ARGS)
 
+docs: $(DOCS_STAMP) ## The documentation as a site in build/site; a warning is an error.
+	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict --quiet
+	@echo "open build/site/index.html"
+
 lock: ## Remake requirements.lock (needs uv); LOCK_ARGS=--upgrade for newer versions.
 	$(UV) pip compile pyproject.toml --extra dev --universal --python-version 3.11 --fork-strategy fewest \
 		--generate-hashes --no-header --no-emit-index-url --no-annotate --quiet --output-file requirements.lock $(LOCK_ARGS)
 
 clean: ## Remove caches and builds; keeps .venv and runs.
 	rm -rf build dist .hypothesis .mypy_cache .pytest_cache .ruff_cache
-	find . -path ./$(VENV) -prune -o -type d -name __pycache__ -exec rm -rf {} +
+	find . \( -path ./$(VENV) -o -path ./$(DOCS_VENV) \) -prune -o -type d -name __pycache__ -exec rm -rf {} +
 
 distclean: clean ## Remove .venv too.
-	rm -rf $(VENV)
+	rm -rf $(VENV) $(DOCS_VENV)
+
+$(DOCS_STAMP): pyproject.toml
+	$(PYTHON) -m venv $(DOCS_VENV)
+	$(DOCS_REQUIREMENTS) > $(DOCS_VENV)/requirements.txt
+	$(DOCS_VENV)/bin/python -m pip install --disable-pip-version-check --quiet -r $(DOCS_VENV)/requirements.txt
+	@touch $@
 
 $(STAMP): requirements.lock pyproject.toml
 	@command -v $(PYTHON) >/dev/null || { echo "$(PYTHON) not found: safewbc needs Python 3.11 or newer" >&2; exit 1; }

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 
 from robots.checks import require_non_negative, require_positive
 from robots.description import Body, RobotDescription
 from robots.errors import ConfigError, UnknownNameError
 from robots.messages import Array
-from robots.rotation import quaternion_wxyz_from_rpy, rotation_from_rpy
 
 SOLE_HALF_HEIGHT = 0.01
 """Half the thickness of the contact box under each sole [m]; its lower face is the sole."""
@@ -117,7 +117,7 @@ def _add_body(parent: mujoco.MjsBody, body: Body, robot: RobotDescription, chang
         handle.add_freejoint().name = "root_joint"
         return handle
     handle.pos = body.joint.xyz
-    handle.quat = quaternion_wxyz_from_rpy(body.joint.rpy)
+    handle.quat = _quaternion(body.joint.rpy)
     if not body.joint.fixed:
         hinge = handle.add_joint()
         hinge.name = body.joint.name
@@ -128,6 +128,11 @@ def _add_body(parent: mujoco.MjsBody, body: Body, robot: RobotDescription, chang
         hinge.damping = [body.joint.damping * changes.joint_friction_scale, 0.0, 0.0]
         hinge.frictionloss = body.joint.friction_loss * changes.joint_friction_scale
     return handle
+
+
+def _quaternion(rpy: Array) -> Array:
+    """Unit quaternion in MuJoCo's order (w, x, y, z) of roll, pitch, yaw (3,) [rad]."""
+    return np.roll(pin.Quaternion(pin.rpy.rpyToMatrix(rpy)).coeffs(), 1)
 
 
 def _within_triangle(inertia: Array) -> Array:
@@ -145,7 +150,7 @@ def _add_frames(robot: RobotDescription, handles: Mapping[str, mujoco.MjsBody], 
         site = handles[frame.body].add_site()
         site.name = frame.name
         site.pos = frame.xyz
-        site.quat = quaternion_wxyz_from_rpy(frame.rpy)
+        site.quat = _quaternion(frame.rpy)
         site.size = [0.005, 0.005, 0.005]
         site.group = 4
     for sole in robot.soles:
@@ -153,8 +158,8 @@ def _add_frames(robot: RobotDescription, handles: Mapping[str, mujoco.MjsBody], 
         box = handles[frame.body].add_geom()
         box.name = f"{sole.frame}_contact"
         box.type = mujoco.mjtGeom.mjGEOM_BOX
-        box.pos = frame.xyz + rotation_from_rpy(frame.rpy) @ np.array([0.0, 0.0, SOLE_HALF_HEIGHT])
-        box.quat = quaternion_wxyz_from_rpy(frame.rpy)
+        box.pos = frame.xyz + pin.rpy.rpyToMatrix(frame.rpy) @ np.array([0.0, 0.0, SOLE_HALF_HEIGHT])
+        box.quat = _quaternion(frame.rpy)
         box.size = [sole.half_length, sole.half_width, SOLE_HALF_HEIGHT]
         box.condim = 3
         box.friction = [friction, 0.005, 0.0001]

@@ -9,7 +9,6 @@ from robots.checks import require_one_of
 from robots.description import Joint, RobotDescription
 from robots.errors import ConfigError, UnknownNameError
 from robots.messages import Array, Indices
-from robots.rotation import rotation_from_rpy
 
 BASE_SIZES = {"floating": (7, 6), "planar": (4, 3), "fixed": (0, 0)}
 """Kinds of base, and how many entries of q and of v each takes."""
@@ -101,7 +100,7 @@ def _attach(
     model: pin.Model, parent: tuple[int, pin.SE3], joint: Joint, locked: Mapping[str, float]
 ) -> tuple[int, pin.SE3]:
     parent_id, parent_placement = parent
-    placement = parent_placement * pin.SE3(rotation_from_rpy(joint.rpy), joint.xyz)
+    placement = parent_placement * pin.SE3(pin.rpy.rpyToMatrix(joint.rpy), joint.xyz)
     if joint.fixed:
         return parent_id, placement
     if joint.name in locked:
@@ -118,7 +117,7 @@ def _add_frames(model: pin.Model, robot: RobotDescription, place: dict[str, tupl
             model.addFrame(pin.Frame(body.name, joint_id, placement, pin.FrameType.BODY), False)
     for frame in robot.frames:
         joint_id, placement = place[frame.body]
-        offset = pin.SE3(rotation_from_rpy(frame.rpy), frame.xyz)
+        offset = pin.SE3(pin.rpy.rpyToMatrix(frame.rpy), frame.xyz)
         model.addFrame(pin.Frame(frame.name, joint_id, placement * offset, pin.FrameType.OP_FRAME), False)
 
 

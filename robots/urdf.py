@@ -4,11 +4,11 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 
 from robots.description import Body, Joint
 from robots.errors import DescriptionError
 from robots.messages import Array
-from robots.rotation import rotation_from_rpy
 
 KINDS = ("revolute", "fixed")
 
@@ -118,7 +118,7 @@ def _body(path: Path, link: ET.Element, parent: str | None, joint: Joint | None)
     origin, tensor = inertial.find("origin"), inertial.find("inertia")
     keys = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     ixx, iyy, izz, ixy, ixz, iyz = (float(_numbers(path, tensor, k, "0", entry)[0]) for k in keys)
-    rotation = rotation_from_rpy(_numbers(path, origin, "rpy", "0 0 0", entry))
+    rotation = pin.rpy.rpyToMatrix(_numbers(path, origin, "rpy", "0 0 0", entry))
     inertia = np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]])
     mass = float(_numbers(path, inertial.find("mass"), "value", "0", entry)[0])
     com = _numbers(path, origin, "xyz", "0 0 0", entry)

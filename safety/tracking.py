@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+from filterpy.common import Q_continuous_white_noise
 from filterpy.kalman import KalmanFilter
 from scipy.special import chdtri
 
@@ -107,7 +108,7 @@ class ObstacleTrack:
         s = self.settings
         constant_velocity = s.model == "constant_velocity"
         self._order = 2 if constant_velocity else 3
-        self._density = s.acceleration_noise if constant_velocity else s.jerk_noise
+        self._density = (s.acceleration_noise if constant_velocity else s.jerk_noise) ** 2
         self._threshold = float(chdtri(3, 1.0 - s.gate))
         self._filter: KalmanFilter | None = None
         self._time = self._accepted_at = -math.inf
@@ -202,7 +203,8 @@ class ObstacleTrack:
     def _advance(self, stamp: float) -> None:
         if self._filter is not None and stamp > self._time:
             interval = stamp - self._time
-            noise, transition = _process_noise(interval, self._density, self._order), _transition(interval, self._order)
+            transition = _transition(interval, self._order)
+            noise = Q_continuous_white_noise(self._order, interval, self._density)
             self._filter.predict(F=transition, Q=noise)
             self._offset = transition @ self._offset
             self._excess = transition @ self._excess @ transition.T
@@ -271,7 +273,7 @@ class ObstacleTrack:
             raise ConfigError("obstacle track", None, "measured at least once")
         interval = max(stamp - self._time, 0.0)
         transition = _transition(interval, self._order)
-        noise = _process_noise(interval, self._density, self._order)
+        noise = Q_continuous_white_noise(self._order, interval, self._density)
         covariance = self._filter.P + self._left(stamp) ** 2 * self._excess
         return _symmetric(transition @ covariance @ transition.T + noise)
 
@@ -286,17 +288,3 @@ def _transition(dt: float, order: int) -> Array:
     if order == 2:
         return np.array([[1.0, dt], [0.0, 1.0]])
     return np.array([[1.0, dt, dt**2 / 2], [0.0, 1.0, dt], [0.0, 0.0, 1.0]])
-
-
-def _process_noise(dt: float, density: float, order: int) -> Array:
-    """Covariance (order, order) that white noise on the derivative of that order adds over ``dt`` [s]."""
-    q = density**2
-    if order == 2:
-        return np.array([[q * dt**3 / 3, q * dt**2 / 2], [q * dt**2 / 2, q * dt]])
-    return np.array(
-        [
-            [q * dt**5 / 20, q * dt**4 / 8, q * dt**3 / 6],
-            [q * dt**4 / 8, q * dt**3 / 3, q * dt**2 / 2],
-            [q * dt**3 / 6, q * dt**2 / 2, q * dt],
-        ]
-    )

@@ -11,6 +11,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.messages import Array, MotorCommand, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
+from robots.pinocchio_model import standing_configuration
 from sims.kernels import ground_loads, read_state
 
 UNSTABLE_ACCELERATION = 1e7
@@ -88,19 +89,26 @@ class ImuReading:
 class MujocoPlant:
     """One robot on flat ground. Quaternion order and base-velocity axes are converted here and nowhere else.
 
+    It starts at rest in its posture ``standing``.
+
     Args:
         robot: the description.
-        config: mismatch, delay, noise, step.
-        rng: source of the sensor noise.
+        config: mismatch, delay, noise, step; those of ``PlantConfig`` if not given.
+        rng: source of the sensor noise; needed where there is any.
 
     Attributes:
         unstable: whether the simulation blew up; it then stays at its last finite state.
 
     Raises:
-        ConfigError: ``link_mass_scale`` names a body that does not exist.
+        ConfigError: ``link_mass_scale`` names a body that does not exist, or there is noise without a source.
     """
 
-    def __init__(self, robot: RobotDescription, config: PlantConfig, rng: np.random.Generator) -> None:
+    def __init__(
+        self, robot: RobotDescription, config: PlantConfig | None = None, rng: np.random.Generator | None = None
+    ) -> None:
+        config = config or PlantConfig()
+        if rng is None and not config.noise.none:
+            raise ConfigError("rng", rng, "a generator, such as np.random.default_rng(0), for the sensor noise")
         bodies = [b.name for b in robot.bodies]
         if unknown := sorted(set(config.changes.link_mass_scale) - set(bodies)):
             raise ConfigError("link_mass_scale", unknown, "bodies of this robot: " + ", ".join(bodies))
@@ -128,6 +136,7 @@ class MujocoPlant:
         self._sole_poses = np.zeros((2, 4, 3))
         self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
+        self.reset(standing_configuration(robot))
 
     @property
     def time(self) -> float:
@@ -171,17 +180,17 @@ class MujocoPlant:
 
     def measured_state(self) -> RobotState:
         """State with the configured sensor noise; new arrays."""
-        state, noise = self.true_state(), self.config.noise
-        if noise.none:
+        state, noise, rng = self.true_state(), self.config.noise, self._rng
+        if noise.none or rng is None:
             return state
         q, v, nj = state.q, state.v, len(self.robot.joints)
-        q[7:] += noise.joint_position * self._rng.standard_normal(nj)
-        v[6:] += noise.joint_velocity * self._rng.standard_normal(nj)
-        q[:3] += noise.base_position * self._rng.standard_normal(3)
-        v[:3] += noise.base_linear_velocity * self._rng.standard_normal(3)
-        v[3:6] += noise.base_angular_velocity * self._rng.standard_normal(3)
+        q[7:] += noise.joint_position * rng.standard_normal(nj)
+        v[6:] += noise.joint_velocity * rng.standard_normal(nj)
+        q[:3] += noise.base_position * rng.standard_normal(3)
+        v[:3] += noise.base_linear_velocity * rng.standard_normal(3)
+        v[3:6] += noise.base_angular_velocity * rng.standard_normal(3)
         wxyz = q[[6, 3, 4, 5]]
-        mujoco.mju_quatIntegrate(wxyz, noise.base_orientation * self._rng.standard_normal(3), 1.0)
+        mujoco.mju_quatIntegrate(wxyz, noise.base_orientation * rng.standard_normal(3), 1.0)
         q[3:6], q[6] = wxyz[1:], wxyz[0]
         return state
 

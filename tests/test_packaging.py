@@ -18,7 +18,7 @@ from experiments.benchmarks.peer_stacks import PEERS
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
+PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments", "safewbc")
 DISTRIBUTION_OF = {"PIL": "pillow", "pinocchio": "pin"}
 """Import name to distribution name where the two differ by more than the dash."""
 
@@ -31,7 +31,7 @@ LOCK = {canonicalize_name(m[1]): m[2] for line in LOCK_LINES if (m := PIN.fullma
 
 
 def third_party_imports() -> set[str]:
-    """Top-level modules, neither ours nor the standard library's, that the six packages import."""
+    """Top-level modules, neither ours nor the standard library's, that our packages import."""
     names = set()
     for path in (p for package in PACKAGES for p in (ROOT / package).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
@@ -42,7 +42,7 @@ def third_party_imports() -> set[str]:
     return names - set(PACKAGES) - sys.stdlib_module_names
 
 
-def test_six_packages_are_imported_from_this_tree() -> None:
+def test_all_packages_are_imported_from_this_tree() -> None:
     # the PyPI project `safety` has our import name: the wrong one must not be picked up unseen
     places = {name: importlib.import_module(name).__file__ for name in PACKAGES}
     assert places == {name: str(ROOT / name / "__init__.py") for name in PACKAGES}
@@ -102,7 +102,7 @@ def wheel_files(tmp_path_factory: pytest.TempPathFactory) -> set[str]:
     return set(zipfile.ZipFile(wheel).namelist())
 
 
-def test_wheel_carries_the_six_packages_and_nothing_else(wheel_files: set[str]) -> None:
+def test_wheel_carries_our_packages_and_nothing_else(wheel_files: set[str]) -> None:
     tops = {name.split("/")[0] for name in wheel_files}
     assert {top for top in tops if not top.endswith(".dist-info")} == set(PACKAGES)
 
@@ -112,3 +112,7 @@ def test_wheel_carries_every_source_and_every_robot(wheel_files: set[str]) -> No
     robots = {p.relative_to(ROOT).as_posix() for p in (ROOT / "robots" / "data").glob("*.toml")}
     assert robots >= {"robots/data/g1.toml", "robots/data/tocabi.toml"}
     assert wheel_files >= sources | robots
+
+
+def test_wheel_tells_type_checkers_that_every_package_has_types(wheel_files: set[str]) -> None:
+    assert wheel_files >= {f"{package}/py.typed" for package in PACKAGES} | {"safewbc/__init__.pyi"}

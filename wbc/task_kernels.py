@@ -39,19 +39,24 @@ def correct(wanted: Array, actual: Array, gain: float, most: float, out: Array) 
     _clip(out, most)
 
 
-@njit(types.void(MATRIX, OUT), cache=True, error_model="numpy")
-def _half_turn(e: Array, out: Array) -> None:
-    """Write the rotation vector of a rotation ``e`` (3, 3) by half a turn or a little less: its symmetric part."""
+@njit(types.void(MATRIX, types.float64, types.float64, OUT), cache=True, error_model="numpy")
+def _beyond_a_quarter_turn(e: Array, angle: float, cosine: float, out: Array) -> None:
+    r"""Write the rotation vector of a rotation ``e`` (3, 3) by ``angle`` [rad] of negative cosine.
+
+    The antisymmetric part fades towards half a turn; there the axis a stands in the symmetric part:
+
+    .. math:: \tfrac12 (E + E^T) - \cos\theta\, I = (1 - \cos\theta)\, a a^T
+    """
     k = 0
     for i in range(1, 3):
         if e[i, i] > e[k, k]:
             k = i
     squared, along = 0.0, 0.0
     for i in range(3):
-        out[i] = 0.5 * (e[i, k] + e[k, i]) + (1.0 if i == k else 0.0)
+        out[i] = 0.5 * (e[i, k] + e[k, i]) + (-cosine if i == k else 0.0)
         squared += out[i] * out[i]
     along = out[0] * (e[2, 1] - e[1, 2]) + out[1] * (e[0, 2] - e[2, 0]) + out[2] * (e[1, 0] - e[0, 1])
-    scale = math.copysign(math.pi, along) / math.sqrt(squared)
+    scale = math.copysign(angle, along) / math.sqrt(squared)
     for i in range(3):
         out[i] *= scale
 
@@ -60,13 +65,13 @@ def _half_turn(e: Array, out: Array) -> None:
 def rotation_vector(e: Array, out: Array) -> None:
     """Write the rotation vector (3,) [rad] of a rotation matrix ``e`` (3, 3), its angle in [0, pi].
 
-    See :func:`robots.rotation.rotation_log`.
+    Inside the compiled tick; elsewhere :func:`pinocchio.log3` serves, which gives the same to rounding.
     """
     out[0], out[1], out[2] = e[2, 1] - e[1, 2], e[0, 2] - e[2, 0], e[1, 0] - e[0, 1]
     sine = 0.5 * math.sqrt(out[0] * out[0] + out[1] * out[1] + out[2] * out[2])
     cosine = 0.5 * (e[0, 0] + e[1, 1] + e[2, 2] - 1.0)
-    if sine <= NO_TURN and cosine < 0.0:
-        _half_turn(e, out)
+    if cosine < 0.0:
+        _beyond_a_quarter_turn(e, math.atan2(sine, cosine), cosine, out)
         return
     scale = 0.5 * math.atan2(sine, cosine) / sine if sine > NO_TURN else 0.5
     for k in range(3):

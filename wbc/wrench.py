@@ -1,11 +1,11 @@
 """Contact wrench reference: from a commanded CoM acceleration to a wrench for each foot. Compiled."""
 
 import numpy as np
+import pinocchio as pin
 from numba import types
 
 from robots.kernel_types import COLUMNS, FLAGS, MATRIX, PLACES, VECTOR, njit
 from robots.messages import Array, Indices, Mask
-from robots.rotation import skew
 
 GRAVITY = 9.81
 """Acceleration of gravity [m/s^2], as in pinocchio and MuJoCo."""
@@ -141,5 +141,5 @@ def net_wrench(wrenches: Array, soles: list[tuple[Array, Array]], about: Array) 
     for i, (rotation, position) in enumerate(soles):
         force = rotation @ wrenches[6 * i : 6 * i + 3]
         total[:3] += force
-        total[3:] += rotation @ wrenches[6 * i + 3 : 6 * i + 6] + skew(position - about) @ force
+        total[3:] += rotation @ wrenches[6 * i + 3 : 6 * i + 6] + pin.skew(position - about) @ force
     return total

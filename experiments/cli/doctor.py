@@ -17,7 +17,7 @@ PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
 
 
 def check_imports() -> str:
-    """All six packages come from one folder."""
+    """All six packages come from one folder; ``safewbc`` has looked before whether they are ours, and told why not."""
     homes = {}
     for name in PACKAGES:
         spec = importlib.util.find_spec(name)
@@ -26,7 +26,7 @@ def check_imports() -> str:
         homes[name] = Path(spec.origin).resolve().parent.parent
     if len(set(homes.values())) > 1:
         places = ", ".join(f"{n} from {h}" for n, h in homes.items())
-        raise RuntimeError(f"packages come from several places ({places}): uninstall the PyPI project 'safety'")
+        raise RuntimeError(f"packages come from several places ({places}): `python -m safewbc` tells what to do")
     return f"all from {next(iter(homes.values()))}"
 
 

@@ -5,10 +5,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 from numpy.typing import NDArray
 
 from robots.messages import Array, Indices
-from robots.rotation import rotation_from_quaternion
 
 Series = Mapping[str, NDArray[Any]]
 
@@ -107,5 +107,5 @@ def achieved_velocity(series: Series, first: int, last: int) -> Array:
 
 def _heading(q: Array) -> float:
     """Direction of the base's forward axis, seen from above [rad]."""
-    forward = rotation_from_quaternion(q[3:7])[:, 0]
+    forward = pin.Quaternion(q[3:7]).matrix()[:, 0]
     return math.atan2(forward[1], forward[0])

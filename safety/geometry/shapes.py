@@ -5,6 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import pinocchio as pin
 
 from robots.checks import all_finite, require_one_of, require_positive
 from robots.errors import ConfigError
@@ -171,7 +172,7 @@ class Obstacle:
 
     def after(self, duration: float) -> "Obstacle":
         """The obstacle ``duration`` [s] later, its velocity and spin constant."""
-        turn = _rotation_about(self.spin * duration)
+        turn = pin.exp3(self.spin * duration)
         position = self.position + duration * self.velocity
         return replace(self, position=position, direction=turn @ self.direction, rotation=turn @ self.rotation)
 
@@ -190,13 +191,3 @@ def _finite(name: str, value: Array, shape: tuple[int, ...]) -> Array:
     if np.shape(value) != shape or not all_finite(np.asarray(value, dtype=float)):
         raise ConfigError(f"obstacle {name}", value, f"finite numbers of shape {shape}")
     return np.array(value, dtype=float)
-
-
-def _rotation_about(angle: Array) -> Array:
-    """Rotation (3, 3) by the vector ``angle`` (3,) [rad], about its direction."""
-    size = math.hypot(*angle)
-    if size == 0:
-        return np.eye(3)
-    x, y, z = angle / size
-    across = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(size) * across + (1 - math.cos(size)) * across @ across

@@ -12,7 +12,6 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.mujoco_spec import build_mujoco_spec
-from robots.rotation import skew
 
 SEEDS = range(5)
 
@@ -170,7 +169,7 @@ def test_collision_geoms_are_the_described_shapes(pair: Pair) -> None:
         half = 0.5 * rotation @ (shape.end - shape.start)
         np.testing.assert_allclose(geom.size[1], np.linalg.norm(half), rtol=0, atol=1e-12)
         axis = pair.data.geom_xmat[geom.id].reshape(3, 3)[:, 2]
-        np.testing.assert_allclose(skew(axis) @ half, np.zeros(3), rtol=0, atol=1e-12)
+        np.testing.assert_allclose(pin.skew(axis) @ half, np.zeros(3), rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", ["g1", "tocabi"])

@@ -16,7 +16,6 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.mujoco_spec import build_mujoco_spec
-from robots.rotation import rotation_from_rpy
 
 
 def numbers(values: Sequence[float] | Array) -> str:
@@ -25,7 +24,7 @@ def numbers(values: Sequence[float] | Array) -> str:
 
 def link(name: str, mass: float, com: Array, inertia: Array, rpy: Array) -> str:
     """A link whose inertial frame is turned by ``rpy`` (3,); ``inertia`` (3, 3) in the link's axes."""
-    turn = rotation_from_rpy(rpy)
+    turn = pin.rpy.rpyToMatrix(rpy)
     i = turn.T @ inertia @ turn
     places = {"ixx": (0, 0), "iyy": (1, 1), "izz": (2, 2), "ixy": (0, 1), "ixz": (0, 2), "iyz": (1, 2)}
     tensor = " ".join(f'{key}="{float(i[place])!r}"' for key, place in places.items())

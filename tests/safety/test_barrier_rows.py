@@ -12,7 +12,6 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from robots.rotation import rotation_from_rpy
 from safety.barriers.barrier_set import (
     Barrier,
     BarrierSet,
@@ -55,7 +54,7 @@ def random_obstacles(rng: np.random.Generator, center: Array) -> list[Obstacle]:
     """One of each kind and one capsule more about ``center`` (3,), that move and turn."""
     places = center + rng.normal(scale=0.5, size=(OBSTACLES, 2, 3))
     sizes, motion = rng.uniform(0.05, 0.3, OBSTACLES), rng.normal(size=(OBSTACLES, 2, 3))
-    turn = rotation_from_rpy(rng.normal(size=3))
+    turn = pin.rpy.rpyToMatrix(rng.normal(size=3))
     return [
         Obstacle.capsule(*places[0], sizes[0], *motion[0]),
         Obstacle.sphere(places[1, 0], sizes[1], motion[1, 0]),
@@ -132,7 +131,7 @@ def moved_with_the_world(o: Obstacle, motion: pin.SE3) -> Obstacle:
 def test_rows_do_not_depend_on_the_worlds_frame(kin: Kinematics, barriers: BarrierSet, state: State) -> None:
     q, obstacles = state
     rows = rows_at(barriers, kin, q, obstacles)
-    motion = pin.SE3(rotation_from_rpy(np.array([0.4, -1.1, 2.3])), np.array([3.0, -2.0, 1.0]))
+    motion = pin.SE3(pin.rpy.rpyToMatrix(np.array([0.4, -1.1, 2.3])), np.array([3.0, -2.0, 1.0]))
     base = pin.XYZQUATToSE3(q[:7])
     moved_q = np.concatenate([pin.SE3ToXYZQUAT(motion * base), q[7:]])
     moved = [moved_with_the_world(o, motion) for o in obstacles]

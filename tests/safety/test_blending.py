@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from filterpy.common import Q_continuous_white_noise as white_noise
 
 from robots.errors import ConfigError
 from robots.messages import Array
-from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _process_noise, _transition
+from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _transition
 
 BLENDING, PERIOD, TICK = TrackerSettings().blending, 1 / 60, 0.002
 SETTINGS = TrackerSettings(position_noise=0.005, blending=BLENDING, gate=1.0)
@@ -89,7 +90,7 @@ def test_the_covariance_is_that_of_the_error(settings: TrackerSettings, period: 
     rng, count, steps = np.random.default_rng(3), 3000, 12
     order = 2 if settings.model == "constant_velocity" else 3
     density = settings.acceleration_noise if order == 2 else settings.jerk_noise
-    transition, noise = _transition(period, order), _process_noise(period, density, order)
+    transition, noise = _transition(period, order), white_noise(order, period, density**2)
     root = np.linalg.cholesky(noise + 1e-18 * np.eye(order))
     spread = (settings.position_noise, settings.initial_speed, settings.initial_acceleration)[:order]
     # three axes of a track are three independent targets
@@ -105,7 +106,7 @@ def test_the_covariance_is_that_of_the_error(settings: TrackerSettings, period: 
             track.measure(z, k * period)
     for share in (0.0, 0.3):
         t = (steps - 1) * period + share * BLENDING
-        ahead, extra = _transition(share * BLENDING, order), _process_noise(share * BLENDING, density, order)
+        ahead, extra = _transition(share * BLENDING, order), white_noise(order, share * BLENDING, density**2)
         later = np.einsum("ij,jnk->ink", ahead, truth)
         later += np.einsum(
             "ij,jnk->ink", np.linalg.cholesky(extra + 1e-18 * np.eye(order)), rng.normal(size=truth.shape)

@@ -14,7 +14,6 @@ from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from robots.rotation import rotation_from_rpy
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.geometry.boxes import TOUCHING
 from safety.geometry.segments import closest_parameters
@@ -80,7 +79,7 @@ class Rolling:
 
 def tilted(angle: float, twist: float = 0.0) -> Array:
     """About y, so that one end comes down, after a turn about z."""
-    return rotation_from_rpy(np.array([0.0, 0.0, twist])) @ rotation_from_rpy(np.array([0.0, angle, 0.0]))
+    return pin.rpy.rpyToMatrix(np.array([0.0, 0.0, twist])) @ pin.rpy.rpyToMatrix(np.array([0.0, angle, 0.0]))
 
 
 SCENES = {

@@ -4,6 +4,7 @@ from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
+from filterpy.common import Q_continuous_white_noise as white_noise
 from scipy.linalg import expm, solve_discrete_are
 from scipy.stats import binom, chi2
 
@@ -14,7 +15,7 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier
 from safety.geometry.shapes import Obstacle
-from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _process_noise, _transition
+from safety.tracking import MODELS, ObstacleTrack, TrackerSettings, _transition
 
 SETTINGS = TrackerSettings(position_noise=0.01, acceleration_noise=0.5, initial_speed=0.8, max_age=0.2, blending=0.0)
 """Measurements count at once; how they are fed in is tested in ``test_blending``."""
@@ -98,7 +99,7 @@ def followed(settings: TrackerSettings, count: int = 60, period: float = 0.02) -
 def test_transition_and_noise_are_those_of_the_continuous_model(dt: float, order: int) -> None:
     transition, noise = van_loan(dt, 0.7, order)
     np.testing.assert_allclose(np.kron(_transition(dt, order), np.eye(3)), transition, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(np.kron(_process_noise(dt, 0.7, order), np.eye(3)), noise, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(np.kron(white_noise(order, dt, 0.7**2), np.eye(3)), noise, rtol=1e-9, atol=1e-15)
 
 
 @pytest.mark.parametrize("order", [2, 3])
@@ -106,14 +107,14 @@ def test_two_steps_are_one(order: int) -> None:
     for first, second in ((0.01, 0.02), (0.3, 0.001), (1.0, 1.0)):
         f, whole = _transition(second, order), first + second
         np.testing.assert_allclose(f @ _transition(first, order), _transition(whole, order), rtol=0, atol=1e-15)
-        chained = f @ _process_noise(first, 0.9, order) @ f.T + _process_noise(second, 0.9, order)
-        np.testing.assert_allclose(chained, _process_noise(whole, 0.9, order), rtol=1e-13, atol=1e-18)
+        chained = f @ white_noise(order, first, 0.9**2) @ f.T + white_noise(order, second, 0.9**2)
+        np.testing.assert_allclose(chained, white_noise(order, whole, 0.9**2), rtol=1e-13, atol=1e-18)
 
 
 @pytest.mark.parametrize("order", [2, 3])
 def test_no_time_no_noise(order: int) -> None:
     np.testing.assert_array_equal(_transition(0.0, order), np.eye(order))
-    assert not _process_noise(0.0, 1.0, order).any()
+    assert not white_noise(order, 0.0, 1.0).any()
 
 
 def test_missing_measurements_are_prediction(settings: TrackerSettings) -> None:
@@ -268,7 +269,7 @@ def test_the_gate_turns_away_the_share_of_good_measurements_that_it_says() -> No
     for _ in range(runs):
         track, velocity = ObstacleTrack(settings), rng.normal(scale=settings.initial_speed, size=3)
         track.measure(rng.normal(scale=settings.position_noise, size=3), 0.0)
-        kick = np.linalg.cholesky(_process_noise(0.05, settings.acceleration_noise, 2))[0, 0] * rng.normal(size=3)
+        kick = np.linalg.cholesky(white_noise(2, 0.05, settings.acceleration_noise**2))[0, 0] * rng.normal(size=3)
         track.measure(0.05 * velocity + kick + rng.normal(scale=settings.position_noise, size=3), 0.05)
         rejected += track.rejected
     low, high = binom.ppf([0.005, 0.995], runs, 1 - gate)

@@ -10,7 +10,6 @@ import pytest
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
-from robots.rotation import rotation_from_rpy
 from safety.barriers.barrier_set import (
     BarrierSet,
     CollisionBodies,
@@ -40,7 +39,7 @@ def barriers(kin: Kinematics) -> BarrierSet:
 def random_obstacles(rng: np.random.Generator, centre: Array) -> list[Obstacle]:
     """One of each kind and another box about ``centre``, moving and turning."""
     place, motion = centre + rng.normal(scale=0.6, size=(5, 3)), rng.normal(size=(5, 2, 3))
-    turns = [rotation_from_rpy(rng.normal(size=3)) for _ in range(2)]
+    turns = [pin.rpy.rpyToMatrix(rng.normal(size=3)) for _ in range(2)]
     return [
         Obstacle.sphere(place[0], 0.1, motion[0, 0]),
         Obstacle.capsule(place[1], place[1] + rng.normal(scale=0.3, size=3), 0.1, *motion[1]),
@@ -114,7 +113,7 @@ def test_curvature_and_rate_in_a_box_are_central_differences(robot: RobotDescrip
     barriers = standard_barriers(kin, ["box"] * count)
     middles = (bodies.origin + rng.uniform(0.1, 0.9, (len(bodies.names), 1)) * bodies.direction)[bodies.proper]
     boxes = [
-        Obstacle.box(p, rotation_from_rpy(rng.normal(size=3)), rng.uniform(0.05, 0.15, 3), *rng.normal(size=(2, 3)))
+        Obstacle.box(p, pin.rpy.rpyToMatrix(rng.normal(size=3)), rng.uniform(0.05, 0.15, 3), *rng.normal(size=(2, 3)))
         for p in rng.permutation(middles)[:count]
     ]
     assert_rate_and_curvature(barriers, kin, q, v, boxes)
@@ -153,7 +152,7 @@ def test_acceleration_enters_through_the_gradient(kin: Kinematics, barriers: Bar
 def test_curvature_does_not_depend_on_the_worlds_frame(robot: RobotDescription) -> None:
     kin = Kinematics(robot)
     barriers = standard_barriers(kin, KINDS)
-    motion = pin.SE3(rotation_from_rpy(np.array([0.4, -1.1, 2.3])), np.array([3.0, -2.0, 1.0]))
+    motion = pin.SE3(pin.rpy.rpyToMatrix(np.array([0.4, -1.1, 2.3])), np.array([3.0, -2.0, 1.0]))
     turn = motion.rotation
     for seed in range(3):
         q, v, obstacles = random_state(kin, seed)

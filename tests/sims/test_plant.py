@@ -5,6 +5,7 @@ from typing import Any
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from robots.description import RobotDescription
@@ -14,7 +15,6 @@ from robots.loader import load_robot
 from robots.messages import Array, MotorCommand
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
-from robots.rotation import rotation_from_quaternion, rotation_log
 from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 
 GRAVITY = 9.81
@@ -74,7 +74,7 @@ def test_reset_gives_the_configuration_it_was_given(robot: RobotDescription) -> 
     np.testing.assert_array_equal(state.v, 0)
     np.testing.assert_array_equal(state.tau, 0)
     assert state.stamp == 0.0
-    np.testing.assert_allclose(plant.data.xmat[1].reshape(3, 3), rotation_from_quaternion(q[3:7]), atol=1e-15)
+    np.testing.assert_allclose(plant.data.xmat[1].reshape(3, 3), pin.Quaternion(q[3:7]).matrix(), atol=1e-15)
 
 
 def test_velocity_is_the_rate_of_the_configuration(robot: RobotDescription) -> None:
@@ -86,9 +86,9 @@ def test_velocity_is_the_rate_of_the_configuration(robot: RobotDescription) -> N
         before = plant.true_state()
         plant.step()
         after = plant.true_state()
-        r0, r1 = rotation_from_quaternion(before.q[3:7]), rotation_from_quaternion(after.q[3:7])
+        r0, r1 = pin.Quaternion(before.q[3:7]).matrix(), pin.Quaternion(after.q[3:7]).matrix()
         np.testing.assert_allclose(r1 @ after.v[:3], (after.q[:3] - before.q[:3]) / dt, atol=1e-10)
-        np.testing.assert_allclose(after.v[3:6], rotation_log(r0.T @ r1) / dt, atol=1e-9)
+        np.testing.assert_allclose(after.v[3:6], pin.log3(r0.T @ r1) / dt, atol=1e-9)
         np.testing.assert_allclose(after.v[6:], (after.q[7:] - before.q[7:]) / dt, atol=1e-10)
 
 
@@ -216,14 +216,14 @@ NOISE = SensorNoise(
 def errors_of(plant: MujocoPlant, samples: int) -> dict[str, Array]:
     """Measured minus true, by kind."""
     true = plant.true_state()
-    axes = rotation_from_quaternion(true.q[3:7])
+    axes = pin.Quaternion(true.q[3:7]).matrix()
     out: dict[str, list[Array]] = {name: [] for name in SensorNoise.__slots__}
     for _ in range(samples):
         state = plant.measured_state()
         out["joint_position"].append(state.q[7:] - true.q[7:])
         out["joint_velocity"].append(state.v[6:] - true.v[6:])
         out["base_position"].append(state.q[:3] - true.q[:3])
-        out["base_orientation"].append(rotation_log(axes.T @ rotation_from_quaternion(state.q[3:7])))
+        out["base_orientation"].append(pin.log3(axes.T @ pin.Quaternion(state.q[3:7]).matrix()))
         out["base_linear_velocity"].append(state.v[:3] - true.v[:3])
         out["base_angular_velocity"].append(state.v[3:6] - true.v[3:6])
     return {name: np.array(values) for name, values in out.items()}
@@ -328,7 +328,7 @@ def test_at_rest_the_imu_reads_gravity_upward_and_no_rate(standing: MujocoPlant)
     # sensors belong to the start of the last step, frames to its end: bring both to one instant
     mujoco.mj_forward(standing.model, standing.data)
     reading = standing.imu()
-    rotation = rotation_from_quaternion(reading.quaternion)
+    rotation = pin.Quaternion(reading.quaternion).matrix()
     np.testing.assert_allclose(rotation @ reading.accelerometer, -DOWN, atol=1e-2)
     np.testing.assert_allclose(reading.gyro, 0, atol=1e-4)
     site = standing.robot.roles["imu"]
@@ -356,7 +356,7 @@ def test_the_gyro_reads_the_imus_angular_velocity(robot: RobotDescription) -> No
     frame = kin.frame_id(robot.roles["imu"])
     rotation, _ = kin.frame_placement(frame)
     np.testing.assert_allclose(plant.imu().gyro, rotation.T @ kin.frame_velocity(frame)[3:], atol=1e-12)
-    np.testing.assert_allclose(rotation_from_quaternion(plant.imu().quaternion), rotation, atol=1e-12)
+    np.testing.assert_allclose(pin.Quaternion(plant.imu().quaternion).matrix(), rotation, atol=1e-12)
 
 
 def momentum_balance(robot: RobotDescription, dt: float) -> tuple[Array, Array, float]:
@@ -494,3 +494,14 @@ def test_frames_and_centre_of_mass_belong_to_the_state_just_reached(robot: Robot
         expected = kin.frame_placement(kin.frame_id(hand))[1]
         np.testing.assert_allclose(plant.frame_position(hand), expected, rtol=0, atol=1e-10)
         np.testing.assert_allclose(plant.center_of_mass(), kin.com, rtol=0, atol=1e-10)
+
+
+def test_a_new_plant_stands_at_rest(robot: RobotDescription) -> None:
+    state = MujocoPlant(robot).state()
+    np.testing.assert_array_equal(state.q, standing_configuration(robot))
+    np.testing.assert_array_equal(state.v, np.zeros_like(state.v))
+
+
+def test_noise_without_a_source_is_refused(robot: RobotDescription) -> None:
+    with pytest.raises(ConfigError, match="rng"):
+        MujocoPlant(robot, PlantConfig(noise=SensorNoise(joint_position=1e-3)))

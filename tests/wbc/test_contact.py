@@ -3,6 +3,7 @@
 from itertools import product
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,7 +12,6 @@ from scipy.optimize import linprog
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.messages import Array
-from robots.rotation import skew
 from wbc.contact import SoleContact, sole_corners, wrench_cone
 
 contacts = st.builds(
@@ -24,7 +24,7 @@ def corner_matrix(contact: SoleContact) -> Array:
     """Map (6, 12) from forces at the four corners to the wrench about the sole's centre."""
     x, y = contact.half_length, contact.half_width
     corners = [np.array([a * x, b * y, 0.0]) for a, b in product((1, -1), repeat=2)]
-    return np.hstack([np.vstack([np.eye(3), skew(p)]) for p in corners])
+    return np.hstack([np.vstack([np.eye(3), pin.skew(p)]) for p in corners])
 
 
 def pyramid(friction: float) -> Array:

@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from robots.description import RobotDescription
@@ -10,7 +11,6 @@ from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from robots.rotation import rotation_from_rpy
 from wbc.task_block import TaskBlock
 from wbc.tasks import (
     CenterOfMassTask,
@@ -41,10 +41,10 @@ def all_kinds(kin: Kinematics, rng: np.random.Generator) -> list[list[Task]]:
     turn, point = FrameOrientationTask(frame["torso"], GAINS), FramePositionTask(frame["right_hand"], GAINS)
     posture = PostureTask(kin.nv - 6, GAINS)
     pose.without_drift = com.without_drift = True
-    pose.position, pose.rotation = rng.normal(size=3), rotation_from_rpy(rng.normal(size=3))
+    pose.position, pose.rotation = rng.normal(size=3), pin.rpy.rpyToMatrix(rng.normal(size=3))
     pose.velocity, pose.acceleration = rng.normal(size=6), rng.normal(size=6)
     com.position, com.velocity, com.acceleration = rng.normal(size=(3, 3))
-    turn.rotation, turn.angular_velocity = rotation_from_rpy(rng.normal(size=3)), rng.normal(size=3)
+    turn.rotation, turn.angular_velocity = pin.rpy.rpyToMatrix(rng.normal(size=3)), rng.normal(size=3)
     point.position, point.velocity, point.acceleration = rng.normal(size=(3, 3))
     posture.joints = rng.normal(size=kin.nv - 6)
     return [[pose, com], [turn], [point], [posture]]

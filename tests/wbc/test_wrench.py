@@ -1,6 +1,7 @@
 """Wrench distribution: momentum balance about the centre of mass, centres of pressure inside the soles."""
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -9,7 +10,6 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from robots.rotation import rotation_from_rpy, skew
 from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp, net_wrench, reference_wrenches
 
 Soles = list[tuple[Array, Array]]
@@ -34,7 +34,7 @@ def random_soles(rng: np.random.Generator, tilt: float) -> Soles:
     for side in (1.0, -1.0):
         rpy = np.append(rng.uniform(-tilt, tilt, 2), rng.uniform(-np.pi, np.pi))
         place = np.array([rng.uniform(-0.4, 0.4), 0.12 * side + rng.uniform(-0.1, 0.1), rng.uniform(-0.1, 0.1)])
-        out.append((rotation_from_rpy(rpy), place))
+        out.append((pin.rpy.rpyToMatrix(rpy), place))
     return out
 
 
@@ -148,7 +148,7 @@ def test_the_net_wrench_is_the_sum_and_shifts_with_its_point(seed: int) -> None:
     a, b = rng.normal(size=(2, 3))
     at_a, at_b = net_wrench(wrenches, soles, a), net_wrench(wrenches, soles, b)
     np.testing.assert_allclose(at_a, sum_about(wrenches, soles, a), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(at_b[3:], at_a[3:] + skew(a - b) @ at_a[:3], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(at_b[3:], at_a[3:] + pin.skew(a - b) @ at_a[:3], rtol=0, atol=1e-12)
 
 
 def plain_wrenches(

@@ -1,0 +1,51 @@
+# The list of the front door. Type checkers and editors read it as it stands, ``__init__.py`` makes its names from it.
+from controllers.agent import Agent as Agent, AgentOutput as AgentOutput
+from controllers.gaits.commands import CommandedWalk as CommandedWalk
+from controllers.gaits.footsteps import VelocityCommand as VelocityCommand
+from controllers.gaits.walking import Walking as Walking
+from controllers.gaits.walking_config import walk_tuning as walk_tuning, walking_changes as walking_changes
+from controllers.motions.hand_targets import HandTargets as HandTargets
+from controllers.motions.hands import HandCircles as HandCircles
+from controllers.obstacle_tracker import ObstacleTracker as ObstacleTracker, TrackingSettings as TrackingSettings
+from controllers.perception import Detection as Detection
+from controllers.policies.nominal import NominalPolicy as NominalPolicy
+from controllers.reference import WholeBodyReference as WholeBodyReference, reference_here as reference_here
+from controllers.supervisor import Supervisor as Supervisor
+from controllers.whole_body.config import ControllerConfig as ControllerConfig
+from controllers.whole_body.controller import WholeBodyController as WholeBodyController
+from controllers.whole_body.robot_config import controller_config as controller_config
+from experiments.recording.recording import RunResult as RunResult, load_result as load_result
+from experiments.running.loop import ClosedLoop as ClosedLoop, Observer as Observer
+from robots.description import RobotDescription as RobotDescription
+from robots.errors import ConfigError as ConfigError, SafeWbcError as SafeWbcError
+from robots.kinematics import Kinematics as Kinematics
+from robots.loader import load_robot as load_robot
+from robots.messages import MotorCommand as MotorCommand, RobotState as RobotState
+from robots.mujoco_spec import PhysicalChanges as PhysicalChanges
+from robots.pinocchio_model import (
+    standing_configuration as standing_configuration,
+    upper_body_joints as upper_body_joints,
+)
+from robots.ports import Body as Body
+from safety.barriers.barrier import Barrier as Barrier, CollisionBodies as CollisionBodies
+from safety.barriers.barrier_set import standard_barriers as standard_barriers
+from safety.barriers.obstacles import ObstacleBarrier as ObstacleBarrier
+from safety.filters.conditions import BarrierParameters as BarrierParameters, FamilyParameters as FamilyParameters
+from safety.filters.results import FilterResult as FilterResult, FilterStatus as FilterStatus, explain as explain
+from safety.filters.safety_filter import SafetyFilter as SafetyFilter
+from safety.geometry.shapes import Obstacle as Obstacle
+from safety.tracking import ObstacleTrack as ObstacleTrack, TrackerSettings as TrackerSettings
+from sims.kinematic import KinematicPlant as KinematicPlant
+from sims.obstacles import PassingSphere as PassingSphere, PositionSensor as PositionSensor
+from sims.plant import MujocoPlant as MujocoPlant, PlantConfig as PlantConfig, SensorNoise as SensorNoise
+from wbc.dynwbc import DynWbc as DynWbc
+from wbc.kinwbc import KinWbc as KinWbc
+from wbc.tasks import (
+    CenterOfMassTask as CenterOfMassTask,
+    FrameOrientationTask as FrameOrientationTask,
+    FramePoseTask as FramePoseTask,
+    FramePositionTask as FramePositionTask,
+    PostureTask as PostureTask,
+    Task as Task,
+    TaskGains as TaskGains,
+)

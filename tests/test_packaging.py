@@ -112,3 +112,10 @@ def test_wheel_carries_every_source_and_every_robot(wheel_files: set[str]) -> No
     robots = {p.relative_to(ROOT).as_posix() for p in (ROOT / "robots" / "data").glob("*.toml")}
     assert robots >= {"robots/data/g1.toml", "robots/data/tocabi.toml"}
     assert wheel_files >= sources | robots
+
+
+def test_wheel_carries_the_templates_and_the_style_of_plots(wheel_files: set[str]) -> None:
+    reports = ROOT / "experiments" / "reports"
+    needed = [*(reports / "templates").iterdir(), *reports.rglob("*.mplstyle")]
+    assert len(needed) > 1
+    assert wheel_files >= {p.relative_to(ROOT).as_posix() for p in needed}

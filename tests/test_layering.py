@@ -116,6 +116,13 @@ def test_plotting_is_imported_by_experiments_only() -> None:
     assert {file.split("/")[0] for file in importers(tuple(MAY_IMPORT), PLOTTING)} == {"experiments"}
 
 
+def test_reports_know_recordings_and_metrics_and_nothing_that_asks_for_a_report() -> None:
+    above = [p.name for p in (ROOT / "experiments").iterdir() if p.is_dir()]
+    above = [f"experiments.{name}" for name in above if name not in {"reports", "recording", "metrics"}]
+    assert importers(("experiments/reports",), tuple(above)) == set()
+    assert "experiments/cli/console.py" in importers(("experiments",), ("experiments.reports",))
+
+
 def test_nothing_that_serves_tests_is_imported() -> None:
     assert not importers(tuple(MAY_IMPORT), TESTS_ONLY)
 

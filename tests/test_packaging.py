@@ -116,3 +116,10 @@ def test_wheel_carries_every_source_and_every_robot(wheel_files: set[str]) -> No
 
 def test_wheel_tells_type_checkers_that_every_package_has_types(wheel_files: set[str]) -> None:
     assert wheel_files >= {f"{package}/py.typed" for package in PACKAGES} | {"safewbc/__init__.pyi"}
+
+
+def test_wheel_carries_the_templates_and_the_style_of_plots(wheel_files: set[str]) -> None:
+    reports = ROOT / "experiments" / "reports"
+    needed = [*(reports / "templates").iterdir(), *reports.rglob("*.mplstyle")]
+    assert len(needed) > 1
+    assert wheel_files >= {p.relative_to(ROOT).as_posix() for p in needed}

@@ -9,12 +9,11 @@ from dataclasses import asdict, dataclass
 from time import perf_counter
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from experiments.benchmarks.filter_recording import Solvable, record
 from experiments.benchmarks.filter_scenes import BASES, OBSTACLES, SCENES, Moment, Problem, order_of
 from experiments.cli.console import make_console
+from experiments.reports.table import Column, Row, Table, show
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between, require_one_of
 from robots.errors import ConfigError
@@ -90,7 +89,7 @@ def bench_filters(options: BenchOptions) -> int:
             cells.append(cell)
             status.update(f"{cell.rows} rows, {cell.variables} variables, {cell.scene}: done")
             if len(cells) % len(SCENES) == 0:
-                console.print(table(cells[-len(SCENES) :]))
+                show(table(cells[-len(SCENES) :]), console)
     console.print(LEGEND)
     machine = f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}"
     console.print(f"{ticks} ticks each; {machine}")
@@ -222,18 +221,15 @@ def _figures(times: Array, verdict: Verdict) -> Figures:
 
 def table(cells: Sequence[Cell]) -> Table:
     """The figures of one number of rows and of variables, one scene below the other."""
-    out = Table(title=_title(cells), title_justify="left", box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)
-    out.add_column("filter", no_wrap=True)
-    for heading in ("solve", "p99", "total", "p99", "changed", "violated", "no input", "failed"):
-        out.add_column(heading, justify="right", no_wrap=True)
+    headings = ("solve", "p99", "total", "p99", "changed", "violated", "no input", "failed")
+    rows = []
     for cell in cells:
-        out.add_row(cell.scene, style="bold")
-        for name, figures in cell.filters.items():
-            out.add_row(f" {KINDS[name].title}", *_row(figures))
-    return out
+        rows.append(Row((cell.scene,), bold=True))
+        rows += [Row((f" {KINDS[name].title}", *_cells(figures))) for name, figures in cell.filters.items()]
+    return Table((Column("filter", words=True), *map(Column, headings)), tuple(rows), _title(cells))
 
 
-def _row(figures: Figures) -> tuple[str, ...]:
+def _cells(figures: Figures) -> tuple[str, ...]:
     times = (side[stage] for stage in ("solve", "total") for side in (figures.median_us, figures.p99_us))
     ticks = sum(figures.statuses.values())
     changed = 1 - figures.statuses["unchanged"] / ticks

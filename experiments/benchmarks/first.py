@@ -6,15 +6,16 @@ import platform
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from experiments.benchmarks.worst_course import Course
 from experiments.benchmarks.worst_scenes import Scene
+from experiments.reports.table import Column, Row, Table, show
 from experiments.running.warmup import fill_caches
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_one_of
@@ -41,9 +42,6 @@ def bench_first(options: BenchOptions) -> int:
     console = Console()
     with console.status("filling the kernels' cache"):
         fill_caches()
-    out = Table("robot", "warm_up", title=f"a new process in milliseconds, filter {options.filter}, cache filled")
-    for column in ("warming up", "first tick", "second", "median"):
-        out.add_column(column, justify="right")
     figures: dict[str, dict[str, dict[str, float]]] = {}
     with console.status(f"starting {2 * PROCESSES} processes for each robot"):
         for given, robot in zip(options.robots, robots, strict=True):
@@ -51,12 +49,23 @@ def bench_first(options: BenchOptions) -> int:
             for warm in ("no", "yes"):
                 found = middle([in_a_process(given, options.filter, warm) for _ in range(PROCESSES)])
                 figures[robot.name][warm] = found
-                out.add_row(robot.name, warm, *(f"{found[k]:.2f}" for k in KINDS))
-    console.print(out)
+    show(table(figures, f"a new process in milliseconds, filter {options.filter}, cache filled"), console)
     console.print(f"medians of {PROCESSES} processes; {platform.machine()}, {os.cpu_count()} processors")
     if options.out is not None:
         options.out.write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     return 0
+
+
+def table(figures: Mapping[str, Mapping[str, Mapping[str, float]]], title: str) -> Table:
+    """The figures ``KINDS`` by robot, and by whether the process warmed up."""
+    columns = [Column(name, words=True) for name in ("robot", "warm_up")]
+    columns += [Column(name) for name in ("warming up", "first tick", "second", "median")]
+    rows = (
+        Row((robot, warm, *(f"{found[k]:.2f}" for k in KINDS)))
+        for robot, lines in figures.items()
+        for warm, found in lines.items()
+    )
+    return Table(tuple(columns), tuple(rows), title)
 
 
 def in_a_process(robot: str, safety_filter: str, warm: str) -> dict[str, Any]:

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from rich.console import Console
-from rich.table import Table
 
+from experiments.reports.table import Column, Row, Table, show
 from experiments.running.laps import LOOP_PARTS, PARTS, Laps
 from experiments.running.run import run
 from experiments.running.warmup import warm_up
@@ -56,7 +56,7 @@ def bench_loop(options: BenchOptions) -> int:
                 with console.status(f"{robot.title}: {what} at {rate:g} Hz"):
                     scenario, run_options = case(name, what, rate, options.filter, DURATION)
                     found[f"{what} {rate:g} Hz"] = loop_figures(scenario, run_options)
-        console.print(table(robot, options.filter, found))
+        show(table(robot, options.filter, found), console)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
         Path(options.out).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
@@ -99,16 +99,15 @@ def loop_figures(scenario: Scenario, options: RunOptions) -> dict[str, float]:
 
 def table(robot: RobotDescription, filter_name: str, figures: dict[str, dict[str, float]]) -> Table:
     """The figures of one robot's runs, each :func:`loop_figures`, side by side."""
-    out = Table(title=f"{robot.name}, filter {filter_name}: ms of wall time per simulated second")
-    out.add_column("part")
-    for title in figures:
-        out.add_column(title, justify="right")
-    for part in (*LOOP_PARTS, "loop"):
-        out.add_row(part, *(f"{f[part]:.1f}" for f in figures.values()), style="bold" if part == "loop" else None)
-    out.add_row("times real time", *(f"{f['real_time_factor']:.2f}" for f in figures.values()), style="bold")
-    out.add_section()
-    for part in (p for p in PARTS if p not in LOOP_PARTS):
-        name = "set-up [ms]" if part == "set-up" else part
-        out.add_row(name, *(f"{f[part]:.1f}" for f in figures.values()))
-    out.add_row("processor share", *(f"{f['processor_share']:.2f}" for f in figures.values()))
-    return out
+    parts = [(part, part, 1) for part in (*LOOP_PARTS, "loop")] + [("times real time", "real_time_factor", 2)]
+    setup = [("set-up [ms]" if part == "set-up" else part, part, 1) for part in PARTS if part not in LOOP_PARTS]
+    rows = [
+        Row(
+            (name, *(f"{f[key]:.{digits}f}" for f in figures.values())),
+            bold=key in {"loop", "real_time_factor"},
+            section=(name, key, digits) == setup[0],
+        )
+        for name, key, digits in (*parts, *setup, ("processor share", "processor_share", 2))
+    ]
+    title = f"{robot.name}, filter {filter_name}: ms of wall time per simulated second"
+    return Table((Column("part", words=True), *map(Column, figures)), tuple(rows), title)

@@ -5,20 +5,20 @@ import json
 import os
 import platform
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib import metadata
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from controllers.motions.hands import HandCircles
 from controllers.reference import WholeBodyReference
 from controllers.whole_body.controller import WholeBodyController
 from experiments.benchmarks.peer_stacks import PEERS, OurIk, Peer, Solver
 from experiments.benchmarks.tick import prepared, recorded
+from experiments.reports.table import Column, Row, Table, show
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between
@@ -82,7 +82,7 @@ def bench_peers(options: BenchOptions) -> int:
         controller, reference, motion = prepared(robot, BenchOptions("peers"))
         states = recorded(controller, reference, motion, ticks)
         lines = measure(controller, reference, motion, states)
-    console.print(table(lines, f"microseconds a call over {ticks} states of the {robot.title}"))
+    show(table(lines, f"microseconds a call over {ticks} states of the {robot.title}"), console)
     for note in notes(lines, len(robot.self_collision_pairs), controller.barriers.size):
         console.print(note, markup=False)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
@@ -181,19 +181,19 @@ def _quantiles(seconds: Sequence[float]) -> tuple[float, float]:
 
 
 def table(lines: Sequence[Line], title: str) -> Table:
-    """The figures for the terminal; a dash where there is none."""
-    out = Table("", "version", title=title)
-    for column in ("median", "10 %", "ratio", "differs", "no answer"):
-        out.add_column(column, justify="right")
-    for name, row in figures(lines).items():
-        if row["version"] is None:
-            out.add_row(name, "not installed", *["-"] * 5)
-            continue
-        difference = row["difference_rad_s"]
-        shown = "-" if difference is None else f"{difference:.3g}"
-        times = (f"{row['median_us']:.0f}", f"{row['p10_us']:.0f}", f"{row['median_to_ours']:.2f}")
-        out.add_row(name, row["version"], *times, shown, str(row["unanswered"]))
-    return out
+    """The figures; a dash where there is none."""
+    headings = ("median", "10 %", "ratio", "differs", "no answer")
+    columns = (Column("", words=True), Column("version", words=True), *map(Column, headings))
+    return Table(columns, tuple(Row((name, *_cells(row))) for name, row in figures(lines).items()), title)
+
+
+def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
+    if row["version"] is None:
+        return ("not installed", *["-"] * 5)
+    difference = row["difference_rad_s"]
+    shown = "-" if difference is None else f"{difference:.3g}"
+    times = (f"{row['median_us']:.0f}", f"{row['p10_us']:.0f}", f"{row['median_to_ours']:.2f}")
+    return (row["version"], *times, shown, str(row["unanswered"]))
 
 
 def notes(lines: Sequence[Line], pairs: int, rows: int, peers: Sequence[Peer] = PEERS) -> list[str]:

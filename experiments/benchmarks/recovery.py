@@ -11,7 +11,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
-from experiments.cli.study_print import Runs, show_study
+from experiments.cli.study_print import show_study
 from experiments.metrics.metric import Figure
 from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
@@ -61,6 +61,8 @@ COLUMNS = (
 
 def bench_recovery(options: BenchOptions) -> int:
     """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    from experiments.benchmarks.plots import recovery_plot
+
     show_study(recovery_study, recovery_plot, "leaving the torso", TITLE, COLUMNS, options.out)
     return 0
 
@@ -131,27 +133,3 @@ def recovery_figures(series: Mapping[str, Array], config: ControllerConfig) -> d
         "out_s": last * config.dt if last < len(series["h"]) else None,
         "h_end_m": float(series["h"][-1]),
     }
-
-
-def recovery_plot(runs: Runs, filters: Sequence[str] = ("issf", "ssa")) -> bytes:
-    """The smallest h and the largest step of the command over time, strict and eased; a PNG."""
-    from experiments.reports.plot_style import FILTERED, finish, new_figure, shared_legend
-
-    robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
-    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
-    upper, lower = axes[: len(robots)], axes[len(robots) :]
-    for axis, robot in zip(upper, robots, strict=True):
-        axis.set_title(robot)
-    for figures, series in runs:
-        if figures["filter"] not in filters:
-            continue
-        column, colour = robots.index(figures["robot"]), FILTERED[filters.index(figures["filter"])]
-        style: dict[str, Any] = {"color": colour, "lw": 1.3, "ls": "-" if figures["way_out"] == "eased" else ":"}
-        label = f"{figures['filter']}, {figures['way_out']}"
-        upper[column].plot(series["time"], 1e3 * series["h"], label=label, **style)
-        steps = np.abs(np.diff(series["v"], axis=0)).max(axis=1)
-        lower[column].semilogy(series["time"][1:], np.maximum(steps, 1e-5), **style)
-    upper[0].set_ylabel("smallest h [mm]")
-    lower[0].set_ylabel("step of the command [rad/s]")
-    shared_legend(drawing, upper[0], 4)
-    return finish(drawing, lower)

@@ -7,13 +7,12 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, replace
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from experiments.benchmarks.worst import Figures, checked_robots, play
 from experiments.benchmarks.worst_course import Course, undisturbed
 from experiments.benchmarks.worst_scenes import Scene
 from experiments.cli.console import make_console
+from experiments.reports.table import Column, Row, Table, show
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between
 from robots.description import Body, CollisionShape, Posture, RobotDescription
@@ -44,7 +43,7 @@ def bench_rows(options: BenchOptions) -> int:
             starts = undisturbed(robot, options)
             for case, scene in cases(robot):
                 found.append((len(robot.joints), play([Course(case, options, scene, starts)], ticks)))
-    console.print(table(found, f"one tick over {ticks} ticks, filter {options.filter} [us]"))
+    show(table(found, f"one tick over {ticks} ticks, filter {options.filter} [us]"), console)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
         out = [{"joints": joints, **asdict(figures)} for joints, figures in found]
@@ -94,14 +93,12 @@ def _sphere(shape: CollisionShape) -> CollisionShape:
 
 def table(found: Sequence[tuple[int, Figures]], title: str) -> Table:
     """One line per robot and size [us]."""
-    out = Table(title=title, box=SIMPLE_HEAD, title_justify="left")
-    out.add_column("robot")
-    for column in ("joints", "rows", "median", "p99", "p99.9", "rows", "safety_qp", "others"):
-        out.add_column(column, justify="right")
+    headings = ("joints", "rows", "median", "p99", "p99.9", "rows", "safety_qp", "others")
+    rows = []
     for joints, f in found:
         stages = {name: 1e3 * median for name, (median, _) in f.stages_ms.items()}
         others = sum(t for name, t in stages.items() if name not in ("rows", "safety_qp"))
         whole = (1e3 * x for x in (f.wall.median_ms, f.wall.p99_ms, f.wall.p999_ms))
         times = (*whole, stages["rows"], stages["safety_qp"], others)
-        out.add_row(f.sequence, str(joints), str(f.rows), *(f"{t:.0f}" for t in times))
-    return out
+        rows.append(Row((f.sequence, str(joints), str(f.rows), *(f"{t:.0f}" for t in times))))
+    return Table((Column("robot", words=True), *map(Column, headings)), tuple(rows), title)

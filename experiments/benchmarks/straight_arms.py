@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.cli.study_print import Runs, show_study
+from experiments.cli.study_print import show_study
 from experiments.metrics.metric import Figure
 from experiments.scenarios.hand_tracking import run_hand_tracking
 from experiments.scenarios.options import BenchOptions, FilterOptions, HandTrackingOptions
@@ -47,6 +47,8 @@ COLUMNS = (
 
 def bench_straight(options: BenchOptions) -> int:
     """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    from experiments.benchmarks.plots import straight_plot
+
     show_study(straight_study, straight_plot, "sending the hands away", TITLE, COLUMNS, options.out)
     return 0
 
@@ -94,28 +96,3 @@ def command_steps(series: Mapping[str, Array]) -> Array:
     """Largest change of a joint's commanded velocity from each tick to the next, shape (ticks - 1,) [rad/s]."""
     steps: Array = np.abs(np.diff(series["v_safe"][:, 6:], axis=0)).max(axis=1)
     return steps
-
-
-def straight_plot(runs: Runs, target: str = "up") -> bytes:
-    """Commanded velocity of the left elbow and largest step of all joints' over time, without a filter; a PNG."""
-    from experiments.reports.plot_style import FILTERED, finish, new_figure, shared_legend
-    from robots.loader import load_robot
-
-    robots = list(dict.fromkeys(figures["robot"] for figures, _ in runs))
-    drawing, axes = new_figure(2, len(robots), 5.6, sharex=True)
-    upper, lower = axes[: len(robots)], axes[len(robots) :]
-    for axis, robot in zip(upper, robots, strict=True):
-        axis.set_title(robot)
-    for figures, series in runs:
-        if figures["filter"] != "none" or figures["target"] != target:
-            continue
-        column, colour = robots.index(figures["robot"]), FILTERED[1 - WAYS.index(figures["singular"])]
-        names = load_robot(figures["robot"]).joint_names
-        elbow = next(i for i, n in enumerate(names) if "elbow" in n.lower() and n.lower().startswith("l"))
-        style = {"color": colour, "lw": 1.0, "label": figures["singular"]}
-        upper[column].plot(series["time"], series["v_safe"][:, 6 + elbow], **style)
-        lower[column].semilogy(series["time"][1:], np.maximum(command_steps(series), 1e-5), **style)
-    upper[0].set_ylabel("left elbow, command [rad/s]")
-    lower[0].set_ylabel("step of the command [rad/s]")
-    shared_legend(drawing, upper[0], 2)
-    return finish(drawing, lower)

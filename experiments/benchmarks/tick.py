@@ -4,18 +4,19 @@ import gc
 import json
 import os
 import platform
+from collections.abc import Mapping
 from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 
 from controllers.motions.hands import HandCircles, circle_settings
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.whole_body.controller import STAGES, WholeBodyController
 from controllers.whole_body.robot_config import controller_config
+from experiments.reports.table import Column, Row, Table, show
 from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_tracking import start_posture
 from experiments.scenarios.options import BenchOptions
@@ -78,22 +79,27 @@ def bench_tick(options: BenchOptions) -> int:
         raise ConfigError("robots", options.robots, "at least one robot")
     console = Console()
     figures: dict[str, Any] = {}
-    table = Table(title=f"one tick in microseconds over {ticks} ticks, filter {options.filter}")
-    table.add_column("stage")
     for robot in robots:
         warm_up(console, robot)
-        table.add_column(f"{robot.name} median", justify="right")
-        table.add_column("p99", justify="right")
         with console.status(f"{robot.title}: recording a run, then replaying it"):
             figures[robot.name] = stage_figures(measure(robot, options, ticks))
-    for stage in (*STAGES, "total"):
-        cells = [f"{figures[r.name][stage][k]:.1f}" for r in robots for k in ("median_us", "p99_us")]
-        table.add_row(stage, *cells, style="bold" if stage == "total" else None)
-    console.print(table)
+    show(stage_table(figures, f"one tick in microseconds over {ticks} ticks, filter {options.filter}"), console)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
         Path(options.out).write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
     return 0
+
+
+def stage_table(figures: Mapping[str, Mapping[str, Mapping[str, float]]], title: str) -> Table:
+    """The figures of every robot, by stage, as :func:`stage_figures` gives them [us]."""
+    columns = [Column("stage", words=True)]
+    for name in figures:
+        columns += [Column(f"{name} median"), Column("p99")]
+    rows = []
+    for stage in (*STAGES, "total"):
+        times = (found[stage][k] for found in figures.values() for k in ("median_us", "p99_us"))
+        rows.append(Row((stage, *(f"{t:.1f}" for t in times)), bold=stage == "total"))
+    return Table(tuple(columns), tuple(rows), title)
 
 
 def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:

@@ -10,15 +10,14 @@ from rich.console import Console
 
 from experiments.benchmarks.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.cli.console import make_console
-from experiments.cli.study_print import print_study, write_study
+from experiments.cli.study_print import write_study
 from experiments.metrics.metric import Figure
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.scenarios.options import BenchOptions
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
-
-TABLE_WIDTH = 136
-"""Width of the widest table."""
 
 RATES = (30.0, 60.0, 100.0)
 """Rates of the sensor [Hz]."""
@@ -56,14 +55,14 @@ def bench_tracking(options: BenchOptions) -> int:
 def tracking(out: Path | None, seed: int = 0) -> int:
     """Run both studies and print their tables; with ``out`` write them there as JSON, and a plot beside; returns 0."""
     console = make_console()
-    # the tables are wider than what is taken for the width of a pipe
-    console.width = max(console.width, TABLE_WIDTH)
     with console.status("tracking obstacles"):
         rows = tracking_study(seed)
     with console.status("crossing the hands"):
         crossings = crossing_study(range(seed, seed + 5))
     print_tracking(console, rows, crossings)
     if out is not None:
+        from experiments.benchmarks.plots import tracking_plot
+
         write_study(console, out, {"tracking": rows, "crossing": crossings}, tracking_plot(seed))
     return 0
 
@@ -73,7 +72,7 @@ def print_tracking(console: Console, rows: Sequence[Mapping[str, Any]], crossing
     noise = f"obstacle tracks: RMS values; {1e3 * NOISE:g} mm noise; raw, filtered: error of the position"
     crossed = "an obstacle crosses the hands of the G1 (upper body, kinematic); joint acceleration: RMS"
     for title, columns, lines in ((noise, TRACKING, rows), (crossed, CROSSING, crossings)):
-        print_study(console, title, columns, lines)
+        show(rows_table(lines, columns, title), console)
 
 
 def study_motions(seed: int) -> dict[str, ObstacleMotion]:
@@ -197,30 +196,3 @@ def _correlation(a: Array, b: Array) -> float:
 def _rms(vectors: Array) -> float:
     """Root mean square of the lengths of ``vectors`` (n, k)."""
     return float(np.sqrt(np.mean(np.sum(vectors**2, axis=1))))
-
-
-def tracking_plot(seed: int = 0, rate: float = 60.0, duration: float = 6.0) -> bytes:
-    """Estimated against true velocity of the three motions, one coordinate, and a part of it up close; a PNG."""
-    from experiments.reports.plot_style import FILTERED, INK, finish, new_figure, shared_legend
-
-    drawing, axes = new_figure(4, 1, 9.6)
-    motions = study_motions(seed)
-    for axis, (name, motion) in zip(axes, motions.items(), strict=False):
-        for model, colour in zip(MODELS, FILTERED, strict=False):
-            settings = TrackerSettings(position_noise=NOISE, model=model)
-            series = follow(motion, rate, settings, seed, duration)
-            axis.plot(series["time"], series["estimate"][:, 3], color=colour, lw=1.1, label=model.replace("_", " "))
-        axis.plot(series["time"], series["true"][:, 3], color=INK, lw=1.4, label="true")
-        axis.set_title(name)
-    for blending, style in ((TrackerSettings().blending, "-"), (0.0, ":")):
-        settings = TrackerSettings(position_noise=NOISE, blending=blending)
-        series = follow(motions["circular"], rate, settings, seed, duration)
-        words = "measurements fed in" if blending else "measurements at once"
-        axes[3].plot(series["time"], series["estimate"][:, 3], color=FILTERED[0], lw=1.1, ls=style, label=words)
-    axes[3].set(xlim=(2.0, 2.3), ylim=(0.25, 0.65))
-    axes[3].set_title("circular, constant velocity, up close")
-    axes[3].legend(frameon=False, fontsize=8)
-    for axis in axes:
-        axis.set_ylabel("velocity, x [m/s]")
-    shared_legend(drawing, axes[0], 3)
-    return finish(drawing, axes[-1:])

@@ -12,13 +12,12 @@ from time import perf_counter, thread_time
 from typing import Literal
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
-from rich.table import Table
 
 from controllers.whole_body.controller import STAGES
 from experiments.benchmarks.worst_course import Course, undisturbed
 from experiments.benchmarks.worst_scenes import SCENES
 from experiments.cli.console import make_console
+from experiments.reports.table import Column, Row, Table, show
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription
@@ -44,9 +43,6 @@ LATE = 2e-3
 
 CLOCKS = ("wall", "CPU", "own")
 """What times are of, see ``LEGEND``."""
-
-WIDTH = 156
-"""Characters that the tables need; a narrower terminal breaks their lines."""
 
 STATUSES = tuple(s.name.lower() for s in FilterStatus if s is not FilterStatus.UNSAFE)
 """What a tick's filter may say, as counted."""
@@ -270,7 +266,6 @@ def bench_worst(options: BenchOptions) -> int:
     require_between("ticks", ticks, 100, 100_000_000)
     robots = checked_robots(options)
     console = make_console()
-    console.width = max(console.width, WIDTH)
     found: dict[str, list[Figures]] = {}
     for robot in robots:
         with console.status(f"{robot.title}: an undisturbed run") as status:
@@ -281,7 +276,7 @@ def bench_worst(options: BenchOptions) -> int:
                 courses = [Course(robot, options, scene, starts) for _ in range(PLAYS)]
                 found[robot.name].append(play(courses, ticks // len(SCENES)))
         for table in tables(found[robot.name], f"{robot.title}, filter {options.filter}"):
-            console.print(table)
+            show(table, console)
     console.print(LEGEND)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
@@ -302,24 +297,26 @@ def checked_robots(options: BenchOptions) -> list[RobotDescription]:
     return [load_robot(name) for name in options.robots]
 
 
-def tables(figures: list[Figures], title: str) -> tuple[Table, Table]:
+def tables(figures: Sequence[Figures], title: str) -> tuple[Table, Table]:
     """Times, and what came of the ticks."""
-    times = Table(title=f"{title}: {sum(f.ticks for f in figures)} ticks", box=SIMPLE_HEAD, title_justify="left")
-    events = Table(box=SIMPLE_HEAD)
     heads = ("p99.9", "max", "late", "in a row")
-    columns = ("rows", "wall\nmedian", "wall\np99", *(f"{clock}\n{head}" for clock in CLOCKS for head in heads))
-    for table, names in (
-        (times, columns),
-        (events, (*STATUSES, "spent", "no torques", "stops", "gc", "kept", "heap", "RSS")),
-    ):
-        table.add_column("sequence", no_wrap=True)
-        for name in names:
-            table.add_column(name, justify="right")
-    for f in figures:
-        cells = [f"{f.wall.median_ms:.2f}", f"{f.wall.p99_ms:.2f}"]
-        for t in (f.wall, f.cpu, f.own):
-            cells += [f"{t.p999_ms:.2f}", f"{t.max_ms:.2f}", str(t.late), str(t.in_a_row)]
-        times.add_row(f.sequence, str(f.rows), *cells)
-        counts = (*(f.statuses[s] for s in STATUSES), f.spent, f.unsolved, f.stops, f.collections)
-        events.add_row(f.sequence, *map(str, counts), f"{f.kept:.1f}", str(f.heap_blocks), f"{f.rss_mb:.1f}")
-    return times, events
+    times = ("rows", "wall\nmedian", "wall\np99", *(f"{clock}\n{head}" for clock in CLOCKS for head in heads))
+    events = (*STATUSES, "spent", "no torques", "stops", "gc", "kept", "heap", "RSS")
+    sequence = Column("sequence", words=True)
+    total = sum(f.ticks for f in figures)
+    return (
+        Table((sequence, *map(Column, times)), tuple(map(_times_row, figures)), f"{title}: {total} ticks"),
+        Table((sequence, *map(Column, events)), tuple(map(_events_row, figures))),
+    )
+
+
+def _times_row(f: Figures) -> Row:
+    cells = [f.sequence, str(f.rows), f"{f.wall.median_ms:.2f}", f"{f.wall.p99_ms:.2f}"]
+    for t in (f.wall, f.cpu, f.own):
+        cells += [f"{t.p999_ms:.2f}", f"{t.max_ms:.2f}", str(t.late), str(t.in_a_row)]
+    return Row(tuple(cells))
+
+
+def _events_row(f: Figures) -> Row:
+    counts = (*(f.statuses[s] for s in STATUSES), f.spent, f.unsolved, f.stops, f.collections)
+    return Row((f.sequence, *map(str, counts), f"{f.kept:.1f}", str(f.heap_blocks), f"{f.rss_mb:.1f}"))

@@ -8,10 +8,10 @@ from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-from rich.table import Table
 
-from experiments.metrics.metric import known_figures
-from experiments.recording.recording import RunResult, prepare_folder, run_title, save_result
+from experiments.recording.recording import RunResult, prepare_folder, save_result
+from experiments.reports.metric_tables import runs_table
+from experiments.reports.table import show
 from experiments.running.run import default_folder
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions, RunOptions
@@ -29,7 +29,7 @@ def run_and_save(options: RunOptions) -> int:
         with bars as advance:
             result = run_one(options, advance[0])
     save_result(result, folder)
-    console.print(summary_table([result]))
+    show(runs_table([result]), console)
     write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", options.output, console)
     console.print(f"results: {folder}")
     return 1 if result.summary["fell"] or result.summary["stop_cause"] else 0
@@ -108,18 +108,6 @@ class _Advance:
             self._bars.start_task(self._task)
             self._started = True
         self._bars.update(self._task, completed=min(t, self._duration))
-
-
-def summary_table(results: Sequence[RunResult]) -> Table:
-    """The summaries side by side."""
-    table = Table(title_justify="left")
-    table.add_column("")
-    for result in results:
-        table.add_column(run_title(result), justify="right")
-    for figure, values in known_figures(results):
-        unit = f" ({figure.unit})" if figure.unit else ""
-        table.add_row(figure.words + unit, *(figure.text(v) for v in values))
-    return table
 
 
 def write_media(

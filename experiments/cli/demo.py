@@ -1,7 +1,9 @@
 """The demonstration: hand tracking on a robot heavier than its model, without and with the safety filter."""
 
-from experiments.cli.console import make_console, progress, results_folder, summary_table, write_media
+from experiments.cli.console import make_console, progress, results_folder, write_media
 from experiments.recording.recording import save_result
+from experiments.reports.metric_tables import runs_table
+from experiments.reports.table import show
 from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_tracking import check_hand_tracking, run_hand_tracking
 from experiments.scenarios.options import DemoOptions, FilterOptions, HandTrackingOptions, PlantOptions
@@ -31,7 +33,7 @@ def demo(options: DemoOptions) -> int:
             results = [run_hand_tracking(run, a) for run, a in zip(runs, advance, strict=True)]
     for result, name in zip(results, FILTERS, strict=True):
         save_result(result, folder / name)
-    console.print(summary_table(results))
+    show(runs_table(results), console)
     write_media(results, folder, f"Hand tracking: {robot.title}, {mass}", options.output, console)
     console.print(f"results: {folder}")
     safe = results[1].summary

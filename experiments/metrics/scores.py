@@ -4,6 +4,9 @@ import numpy as np
 
 from robots.messages import Array
 
+TOUCH = 1e-6
+"""Overlap [m] from which bodies count as colliding: less is rounding."""
+
 TRACKING_SCALE = 0.002
 """Of the squared distance to a goal, eq. (14) [m^2]."""
 CONTROL_SCALE = 0.2

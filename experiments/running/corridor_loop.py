@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.policies.nominal import NominalPolicy, benchmark_limits
-from experiments.metrics.scores import control_score, feasible_rate, safety_score, tracking_score
+from experiments.metrics.scores import TOUCH, control_score, feasible_rate, safety_score, tracking_score
 from experiments.scenarios.corridor import (
     CLOSING,
     D_MIN,
@@ -43,9 +43,6 @@ Conflict = tuple[float, FilterResult]
 
 JOINT = ("qp", "slack_qp", "two_phase")
 """Resolutions that look at all conditions together; the others are judged by SSA's."""
-
-TOUCH = 1e-6
-"""Overlap [m] from which bodies count as colliding: less is rounding."""
 
 
 @dataclass(frozen=True, slots=True)

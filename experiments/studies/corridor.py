@@ -4,47 +4,34 @@ import dataclasses
 import json
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from rich.box import SIMPLE_HEAD
 from rich.console import Console
-from rich.table import Table
 
 from experiments.cli.console import make_console, progress, results_folder
-from experiments.metrics.metric import Figure
 from experiments.recording.recording import plain
-from experiments.running.corridor_loop import DT, MARGINS, TOUCH, VARIANTS, CorridorLoop, CorridorRun, variant_title
-from experiments.scenarios.corridor import D_MIN, Corridor, corridor_robot
+from experiments.reports.corridor_table import corridor_table
+from experiments.reports.table import show
+from experiments.running.corridor_loop import DT, MARGINS, VARIANTS, CorridorLoop, CorridorRun, variant_title
+from experiments.scenarios.corridor import (
+    CLOSING,
+    COMING,
+    D_MIN,
+    INSTANTS,
+    LEAVING,
+    OPENING,
+    Corridor,
+    corridor_kinematics,
+    corridor_robot,
+)
 from experiments.scenarios.options import CorridorOptions, OutputOptions
 from robots.checks import require_between, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 
-TABLE_WIDTH = 6
-"""Runs side by side in a terminal of 80 columns."""
-
-FIGURES = (
-    Figure("J", "J"),
-    Figure("C", "C"),
-    Figure("S", "S"),
-    Figure("S_environment", "S, obstacles"),
-    Figure("S_self", "S, own bodies"),
-    Figure("feasible_rate", "R_feas", "%", 1e2),
-    Figure("infeasible_ticks", "infeasible ticks"),
-    Figure("phi_hand_max_m", "largest hand phi", "mm", 1e3),
-    Figure("min_h_hand_m", "nearest hand", "mm", 1e3, "negative"),
-    Figure("min_h_obstacle_m", "nearest body", "mm", 1e3, "negative"),
-    Figure("min_h_self_collision_m", "own bodies", "mm", 1e3, "negative"),
-    Figure("min_joint_limit_rad", "room to limits", "rad", bad="negative"),
-    Figure("collision_ticks", "collision ticks", bad="positive"),
-    Figure("violation_mean", "violation", "m/s"),
-    Figure("excess_mean", "excess", "m/s"),
-    Figure("switches_per_s", "switches", "1/s"),
-    Figure("jump_rms", "jumps", "rad/s"),
-    Figure("filter_ms_median", "filter, median", "ms"),
-)
-"""In the order to show them."""
+if TYPE_CHECKING:
+    from experiments.reports.corridor import CorridorScene
 
 
 def corridor(options: CorridorOptions) -> int:
@@ -59,8 +46,7 @@ def corridor(options: CorridorOptions) -> int:
         with bars as advance:
             runs = [loop.run(options.duration, a) for loop, a in zip(loops, advance, strict=True)]
     save_corridor(folder, options, runs, loops[0].labels)
-    for k in range(0, len(runs), TABLE_WIDTH):
-        console.print(corridor_table(runs[k : k + TABLE_WIDTH]))
+    show(corridor_table(runs, [run.name for run in runs]), console)
     if options.report:
         _report(folder, scene, robot, runs, console)
     console.print(f"results: {folder}")
@@ -107,33 +93,27 @@ def save_corridor(folder: Path, options: CorridorOptions, runs: Sequence[Corrido
         raise ConfigError("out", str(folder), f"a folder that can be written ({error.strerror or error})") from error
 
 
-def corridor_table(runs: Sequence[CorridorRun]) -> Table:
-    """The figures side by side, narrow enough for a terminal of 80 columns with the default filters."""
-    table = Table(box=SIMPLE_HEAD, pad_edge=False, padding=(0, 1, 0, 0))
-    table.add_column("")
-    for run in runs:
-        table.add_column(run.name, justify="right")
-    for figure in FIGURES:
-        unit = f" ({figure.unit})" if figure.unit else ""
-        table.add_row(figure.words + unit, *(figure_text(figure, run) for run in runs))
-    return table
+def report_scene(scene: Corridor, robot: RobotDescription) -> "CorridorScene":
+    """What the report has to know of the scene."""
+    from experiments.reports.corridor import CorridorScene
+    from experiments.reports.plots.corridor import Phase
 
-
-def figure_text(figure: Figure, run: CorridorRun) -> str:
-    """One figure of one run; ``none`` where there was nothing to score."""
-    value = run.summary[figure.key]
-    if value is None and figure.key[0] in "CS":
-        return "none"
-    if figure.unit == "mm":
-        # overlaps that are only rounding are none
-        return f"{(0.0 if -TOUCH <= value < 0 else value) * figure.factor:.1f}"
-    return figure.text(value)
-
-
-def is_bad(figure: Figure, run: CorridorRun) -> bool:
-    """Whether a figure of a run stands out as one that should not be."""
-    value = run.summary[figure.key]
-    return figure.is_bad(value) and not -TOUCH <= value < 0
+    kin = corridor_kinematics(robot)
+    words = (
+        f"G1 on a fixed base, 17 joints, 19 spheres. Two boards close to {100 * scene.gap:g} cm about the left hand, "
+        "whose sphere takes 10 cm and wants 5 cm on either side; its goal is then moved up 6 cm. A sphere comes to the "
+        "left elbow from outside, stays and leaves. Nothing has to be hit. The robot follows the filter exactly, at "
+        f"{1 / DT:g} Hz; bodies pass through each other, and collisions are counted."
+    )
+    return CorridorScene(
+        words=words,
+        phases=(Phase(CLOSING[1], OPENING[0], "boards closed"), Phase(COMING[1], LEAVING[0], "sphere at the elbow")),
+        instants=tuple(INSTANTS),
+        margin=D_MIN["obstacle"],
+        joint_names=tuple(kin.joint_names),
+        configuration=kin.full_configuration,
+        obstacles=scene.obstacles,
+    )
 
 
 def _report(
@@ -145,6 +125,7 @@ def _report(
     if problem := rendering_problem():
         console.print(f"no pictures: {problem}", style="yellow")
     with console.status("rendering and writing the report"):
-        frames = corridor_frames(scene, robot, runs)
-        path = write_corridor_report(folder / "report.html", scene, robot, runs, frames, note=problem or "")
+        shown = report_scene(scene, robot)
+        frames = corridor_frames(shown, robot, runs)
+        path = write_corridor_report(folder / "report.html", shown, robot, runs, frames, note=problem or "")
     console.print(f"report:  {path}")

@@ -1,16 +1,17 @@
-"""The tables of the page on locomotion: every run that it quotes, made anew, in Markdown."""
+"""The tables of the page on locomotion: every run that it quotes, made anew."""
 
 from collections.abc import Sequence
 
 from rich.console import Console
 
 from experiments.cli.console import results_folder
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.running.pool import Row, RunTask, in_parallel
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions
 from experiments.scenarios.registry import experiment_of
 from experiments.studies.locomotion_tables import StudyTable, chosen_tables
-from experiments.studies.results_tables import markdown
 from experiments.studies.study_options import SECTIONS, LocomotionTableOptions
 from robots.checks import require_between, require_one_of
 from robots.errors import ConfigError
@@ -18,7 +19,7 @@ from robots.loader import load_robot
 
 
 def locomotion_table(options: LocomotionTableOptions) -> int:
-    """Make every run of the chosen sections, print their tables as Markdown, save the runs; returns 0.
+    """Make every run of the chosen sections, print their tables, save the runs; returns 0.
 
     Times of a tick are measured after all else, by one process alone.
 
@@ -67,8 +68,6 @@ def _check_runs(tables: Sequence[StudyTable]) -> None:
 
 
 def _print_table(table: StudyTable, rows: Sequence[Row], console: Console) -> None:
-    print(f"### {table.title}\n\n{markdown(rows, table.columns)}\n", flush=True)
-    if table.note is not None:
-        print(table.note(rows) + "\n", flush=True)
+    show(rows_table(rows, table.columns, table.title, "" if table.note is None else table.note(rows)))
     seconds = sum(r["cpu_s"] for r in rows)
     console.print(f"{table.title}: {len(rows)} lines, {seconds:.0f} s of processor time")

@@ -15,6 +15,8 @@ from controllers.gaits.walking import walk_tuning
 from experiments.cli.console import results_folder
 from experiments.metrics.metric import Figure
 from experiments.recording.recording import RunResult
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.running.pool import Row, in_parallel, save
 from experiments.running.run import check_options, run
 from experiments.running.warmup import warm_up
@@ -22,7 +24,6 @@ from experiments.scenarios.options import OutputOptions, PlantOptions, RunOption
 from experiments.scenarios.registry import experiment_of
 from experiments.scenarios.scenario import DIRECTIONS, PUSH_TIME, Push
 from experiments.scenarios.walk import walk_scenario
-from experiments.studies.results_tables import markdown
 from experiments.studies.study_options import STANCES, PushSearchOptions
 from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription
@@ -82,7 +83,7 @@ class PushCase:
 
 
 def pushes(options: PushSearchOptions) -> int:
-    """Search, print the table as Markdown, save configuration and summary of each run; returns 0.
+    """Search, print the table, save configuration and summary of each run; returns 0.
 
     Raises:
         ConfigError: an option is not allowed; nothing has run then.
@@ -92,7 +93,7 @@ def pushes(options: PushSearchOptions) -> int:
     with results_folder(OutputOptions(out=options.out), "pushes") as folder:
         warm_up(console, load_robot(options.robots[0]))
         rows = list(in_parallel(push_tasks(options, folder), options.jobs, console))
-    print(markdown(rows, PUSH_COLUMNS))
+    show(rows_table(rows, PUSH_COLUMNS))
     console.print(f"runs: {folder}")
     return 0
 

@@ -15,13 +15,14 @@ from controllers.gaits.commands import CommandScript, VelocityCommand
 from experiments.cli.console import results_folder
 from experiments.metrics.metric import Figure, column
 from experiments.recording.recording import RunResult
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.running.pool import Row, Task, in_parallel, row, save
 from experiments.running.run import check_options, run
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions, PlantOptions
 from experiments.scenarios.scenario import PUSH_TIME, Push, Series
 from experiments.scenarios.walk import walk_scenario, with_commands
-from experiments.studies.results_tables import markdown
 from experiments.studies.study_options import RandomWalkOptions, RandomWalksOptions
 from robots.checks import require_between
 from robots.description import RobotDescription
@@ -200,7 +201,7 @@ def random_walks(options: RandomWalksOptions) -> int:
     with results_folder(OutputOptions(out=options.out), "random-walks") as folder:
         warm_up(console, load_robot(options.robot))
         rows = list(in_parallel(random_walk_tasks(options, folder), options.jobs, console))
-    print(f"{markdown(rows, RANDOM_WALK_COLUMNS)}\n\n{falls(rows)}")
+    show(rows_table(rows, RANDOM_WALK_COLUMNS, caption=falls(rows)))
     console.print(f"runs: {folder}")
     return 0
 

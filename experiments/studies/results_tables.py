@@ -1,10 +1,9 @@
-"""The tables of the documentation: every run that they quote, made anew, in Markdown."""
+"""The tables of the documentation: every run that they quote, made anew."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import Any
 
 from rich.console import Console
 from rich.progress import Progress
@@ -12,6 +11,8 @@ from rich.progress import Progress
 from experiments.cli.console import results_folder, run_one
 from experiments.metrics.metric import Figure, column
 from experiments.recording.recording import RunResult, save_result
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import (
     FilterOptions,
@@ -63,7 +64,7 @@ HAND_COLUMNS = (
 
 
 def table(options: TableOptions) -> int:
-    """Run everything, print the tables as Markdown, save the runs; returns 0."""
+    """Run everything, print the tables, save the runs; returns 0."""
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True, markup=False, soft_wrap=True)
     groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[options.what]()
@@ -76,7 +77,7 @@ def table(options: TableOptions) -> int:
             for run, result in zip(group, results, strict=True):
                 save_result(result, folder / run_folder(run))
             rows = [{**r.summary, **_words(run)} for run, r in zip(group, results, strict=True)]
-            print(f"### {title}\n\n{markdown(rows, columns)}\n")
+            show(rows_table(rows, columns, title))
     console.print(f"runs: {folder}")
     return 0
 
@@ -173,10 +174,3 @@ def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
         ),
         "Hand circles, other differences between robot and model, ISSf-CBF, 12 s": (other_differences(), case),
     }
-
-
-def markdown(summaries: Sequence[Mapping[str, Any]], columns: Sequence[Figure]) -> str:
-    """A Markdown table of summaries."""
-    lines = [[f"{c.words} [{c.unit}]" if c.unit else c.words for c in columns], ["---"] * len(columns)]
-    lines += [[c.text(summary.get(c.key)) for c in columns] for summary in summaries]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)

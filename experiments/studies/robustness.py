@@ -17,6 +17,8 @@ from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.cli.console import results_folder
 from experiments.metrics.metric import Figure
 from experiments.recording.recording import RunResult, plain
+from experiments.reports.metric_tables import rows_table
+from experiments.reports.table import show
 from experiments.running.pool import Row, in_parallel
 from experiments.running.run import run
 from experiments.running.warmup import warm_up
@@ -32,7 +34,6 @@ from experiments.scenarios.options import (
     WalkOptions,
 )
 from experiments.scenarios.registry import experiment_of
-from experiments.studies.results_tables import markdown
 from experiments.studies.study_options import RobustnessOptions
 from experiments.studies.tuning_scenarios import payload, torso_targets
 from robots.checks import require_between, require_one_of
@@ -220,7 +221,7 @@ def robustness(options: RobustnessOptions) -> int:
                 rows.append(row)
                 file.write(json.dumps(plain(row)) + "\n")
                 file.flush()
-    print(markdown(summed(rows), ROBUSTNESS_COLUMNS))
+    show(rows_table(summed(rows), ROBUSTNESS_COLUMNS))
     console.print(f"runs: {folder / 'rows.jsonl'}")
     return 0
 

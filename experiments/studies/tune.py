@@ -3,13 +3,12 @@
 import math
 from typing import Any
 
-from rich.table import Table
-
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.cli.console import make_console, results_folder
 from experiments.recording.recording import GUARANTEED
+from experiments.reports.table import Column, Row, Table, show
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions
 from experiments.scenarios.registry import experiment_of
@@ -20,9 +19,6 @@ from robots.checks import require_between, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
-
-TABLE_WIDTH = 130
-"""Width of the table."""
 
 OVERSHOOT = 0.25
 """Largest alpha times the motors' time constant and delay.
@@ -39,8 +35,6 @@ def tune(options: TuneOptions) -> int:
     """
     robot = check_tune(options)
     console = make_console()
-    # the table is wider than what is taken for the width of a pipe
-    console.width = max(console.width, TABLE_WIDTH)
     with results_folder(OutputOptions(out=options.out), "tune") as folder:
         warm_up(console, robot)
         before = start_choices(robot, options)
@@ -51,7 +45,7 @@ def tune(options: TuneOptions) -> int:
             provenance(robot, options, chosen),
         )
         write_tuning(folder / "tuning.toml", tuning)
-    console.print(choice_table(robot, before, chosen))
+    show(choice_table(robot, before, chosen), console)
     console.print(f"parameters: {folder / 'tuning.toml'}")
     return 1 if any(c.note.startswith("margin missed") for c in chosen.values()) else 0
 
@@ -149,34 +143,24 @@ def provenance(robot: RobotDescription, options: TuneOptions, chosen: dict[str, 
 
 def choice_table(robot: RobotDescription, before: dict[str, Choice], chosen: dict[str, Choice]) -> Table:
     """Parameters before and after, and what they were found from."""
-    table = Table(title=robot.title, title_justify="left")
-    for heading in (
-        "family",
-        "before: alpha, epsilon",
-        "alpha",
-        "epsilon",
-        "push",
-        "room at rest",
-        "least h",
-        "in",
-        "",
-    ):
-        table.add_column(heading, justify="left" if heading in {"family", "in", ""} else "right")
-    for family, c in chosen.items():
-        old = before[family]
-        unit, factor = ("rad", 1.0) if family == "joint_limit" else ("mm", 1e3)
-        figures = [_number(c.push, 1.0, f"{'rad' if unit == 'rad' else 'm'}/s")]
-        figures += [_number(x, factor, unit) for x in (c.room, c.least)]
-        table.add_row(
-            family,
-            f"{old.alpha:.3g}, {old.epsilon:.3g}",
-            f"{c.alpha:.3g}",
-            f"{c.epsilon:.3g}",
-            *figures,
-            c.where,
-            c.note,
-        )
-    return table
+    words, numbers = {"family", "in", ""}, ("alpha", "epsilon", "push", "room at rest", "least h")
+    headings = ("family", "before: alpha, epsilon", *numbers, "in", "")
+    rows = (Row((family, *_cells(family, before[family], choice))) for family, choice in chosen.items())
+    return Table(tuple(Column(h, words=h in words) for h in headings), tuple(rows), robot.title)
+
+
+def _cells(family: str, old: Choice, new: Choice) -> tuple[str, ...]:
+    unit, factor = ("rad", 1.0) if family == "joint_limit" else ("mm", 1e3)
+    return (
+        f"{old.alpha:.3g}, {old.epsilon:.3g}",
+        f"{new.alpha:.3g}",
+        f"{new.epsilon:.3g}",
+        _number(new.push, 1.0, "rad/s" if unit == "rad" else "m/s"),
+        _number(new.room, factor, unit),
+        _number(new.least, factor, unit),
+        new.where,
+        new.note,
+    )
 
 
 def _number(value: float, factor: float, unit: str) -> str:

@@ -8,9 +8,10 @@ import pytest
 
 from experiments.recording.gait_phases import spells, stances, swings, walks, without_sway
 from experiments.recording.recording import RunResult
-from experiments.reports import balance_plots, distance_plots
 from experiments.reports.media import FOOTPRINTS, _at_swings, _key_ticks, camera_path, footprints
-from experiments.reports.report import verdict, write_report
+from experiments.reports.plots import balance, distances
+from experiments.reports.report import write_report
+from experiments.reports.verdicts import verdict
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
@@ -143,12 +144,12 @@ def test_footprints_are_where_soles_have_stood() -> None:
 
 
 def test_the_span_is_of_the_soles_on_the_ground() -> None:
-    low, high = balance_plots.sole_span(WALK.series)
+    low, high = balance.sole_span(WALK.series)
     tick_left_up, tick_both = 30, 5
     for tick, y in ((tick_left_up, (-0.15, -0.09)), (tick_both, (-0.15, 0.15))):
         np.testing.assert_allclose([low[tick], high[tick]], [[-0.08, y[0]], [0.08, y[1]]], atol=1e-12)
     up: Array = np.zeros((TICKS, 2))
-    low, high = balance_plots.sole_span({**WALK.series, "in_contact": up})
+    low, high = balance.sole_span({**WALK.series, "in_contact": up})
     assert np.isnan(low).all()
     assert np.isnan(high).all()
 
@@ -156,15 +157,15 @@ def test_the_span_is_of_the_soles_on_the_ground() -> None:
 @pytest.mark.parametrize("robot", ["g1", "tocabi"])
 def test_the_pair_of_feet_is_found_by_the_soles(robot: str) -> None:
     made = load_robot(robot)
-    (column,) = distance_plots.feet_pairs(made)
+    (column,) = distances.feet_pairs(made)
     assert set(made.self_collision_pairs[column]) == {"left_foot", "right_foot"}
 
 
 def test_plots_are_made_where_feet_are_lifted() -> None:
     png = b"\x89PNG"
-    only_walks = (balance_plots.velocity_plot, distance_plots.feet_plot)
-    lifting = (balance_plots.balance_plot, balance_plots.feet_plot)
-    for plot in (*only_walks, *lifting, balance_plots.plan_plot):
+    only_walks = (balance.velocity_plot, distances.feet_plot)
+    lifting = (balance.balance_plot, balance.feet_plot)
+    for plot in (*only_walks, *lifting, balance.plan_plot):
         both = plot([WALK, STAND])
         assert both is not None
         assert both.startswith(png)
@@ -178,12 +179,12 @@ def test_plots_are_made_where_feet_are_lifted() -> None:
 def test_the_plan_of_a_run_that_fell_ends_with_the_fall() -> None:
     """What comes after it changes nothing in the picture."""
     fell = walk(fell_at_s=5.0)
-    before = balance_plots.plan_plot([fell])
+    before = balance.plan_plot([fell])
     for name in ("com", "zmp"):
         fell.series[name][600:] += 3.0
-    assert balance_plots.plan_plot([fell]) == before
+    assert balance.plan_plot([fell]) == before
     fell.series["com"][300:] += 0.01
-    assert balance_plots.plan_plot([fell]) != before
+    assert balance.plan_plot([fell]) != before
 
 
 # --- report

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from controllers.gaits.footholds import LEFT
+from experiments.reports.metric_tables import rows_table
 from experiments.running.pool import Row, RunTask, ending, in_parallel, tick_figures
 from experiments.scenarios.options import LateralStepsOptions, RunOptions, StandOptions, TaichiOptions, WalkOptions
 from experiments.scenarios.registry import experiment_of
@@ -75,7 +76,7 @@ def test_the_page_has_the_columns_that_the_command_prints(tmp_path: Path) -> Non
     lines = PAGE.read_text(encoding="utf-8").splitlines()
     for table in tables(tmp_path).values():
         assert f"### {table.title}" in lines
-        head = locomotion_table.markdown([], table.columns).splitlines()[0]
+        head = rows_table([], table.columns).markdown().splitlines()[0]
         assert head in lines, table.title
 
 

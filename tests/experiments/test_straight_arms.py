@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.benchmarks.plots import straight_plot
 from experiments.benchmarks.straight_arms import (
     COLUMNS,
     LIMIT,
     TITLE,
     command_steps,
     step_figures,
-    straight_plot,
     straight_study,
 )
 from experiments.cli.study_print import show_study

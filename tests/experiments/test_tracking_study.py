@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
+from experiments.benchmarks import plots
 from experiments.benchmarks import tracking as study
 from experiments.benchmarks.crossing import CROSSING, KNOWLEDGE, NOISE, PASSED, TICK, Crossing, crossing_study
 from experiments.benchmarks.tracking import (
@@ -19,7 +20,6 @@ from experiments.benchmarks.tracking import (
     print_tracking,
     study_motions,
     track_figures,
-    tracking_plot,
     tracking_study,
 )
 from experiments.scenarios.obstacles import DISTANCE, RADIUS
@@ -185,7 +185,7 @@ def test_the_command_prints_both_tables_and_writes_what_it_found(
     crossings = crossing_study(range(1), speeds=(1.0,), filters=("cbf",))
     monkeypatch.setattr(study, "tracking_study", lambda seed: rows)
     monkeypatch.setattr(study, "crossing_study", lambda seeds: crossings)
-    monkeypatch.setattr(study, "tracking_plot", lambda seed: b"a picture")
+    monkeypatch.setattr(plots, "tracking_plot", lambda seed: b"a picture")
     assert study.tracking(tmp_path / "figures.json") == 0
     written = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert written == {"tracking": rows, "crossing": crossings}
@@ -209,6 +209,6 @@ def test_tables_show_every_figure_in_its_unit() -> None:
 
 
 def test_the_plot_is_a_picture_with_something_on_it() -> None:
-    picture = Image.open(io.BytesIO(tracking_plot(duration=1.2)))
+    picture = Image.open(io.BytesIO(plots.tracking_plot(duration=1.2)))
     assert picture.format == "PNG"
     assert len(np.unique(np.asarray(picture.convert("RGB")).reshape(-1, 3), axis=0)) > 20

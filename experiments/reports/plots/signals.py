@@ -8,7 +8,17 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from experiments.recording.recording import FILTER_STATUSES, RunResult, run_title
-from experiments.reports.plot_style import DPI, INK, UNSAFE, WIDTH, coloured, finish, new_figure, style_axes, with_ticks
+from experiments.reports.plots.style import (
+    INK,
+    UNSAFE,
+    as_png,
+    coloured,
+    label_time,
+    legend_of_runs,
+    new_axes,
+    new_figure,
+    with_ticks,
+)
 from robots.description import RobotDescription
 from robots.messages import Array
 
@@ -16,12 +26,13 @@ STATUS_COLOURS = ("#e3e7ec", "#7fb0e0", "#e9a13b", "#c62828", "#7b1fa2", "#6b728
 HANDS = ("left_hand", "right_hand")
 
 
-def hand_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def hand_plot(results: Sequence[RunResult]) -> Figure | None:
     """Hand positions against their references, per axis [m], and the length of the error [mm]."""
     shown = [r for r in results if all(f"{hand}_ref" in r.series for hand in HANDS)]
     if not shown:
         return None
-    figure, axes = new_figure(4, 2, 8.0, sharex=True)
+    figure, axes = new_axes(4, 2, 8.0, sharex=True)
     for column, hand in enumerate(HANDS):
         for row, name in enumerate("xyz"):
             axis = axes[2 * row + column]
@@ -37,17 +48,20 @@ def hand_plot(results: Sequence[RunResult]) -> bytes | None:
         axes[6 + column].set_ylim(bottom=0.0)
         axes[column].set_title(hand.replace("_", " "))
     axes[0].legend(loc="best")
-    return finish(figure, axes[-2:], shown)
+    label_time(axes[-2:])
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def torque_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def torque_plot(results: Sequence[RunResult]) -> Figure | None:
     """Torque as a share of the motor's limit: the largest of each limb over time, and each joint's largest."""
     shown = with_ticks(results)
     if not shown:
         return None
     robot = shown[0].robot
     groups = joint_groups(robot)
-    figure = Figure(figsize=(WIDTH, 6.4), dpi=DPI, layout="constrained")
+    figure = new_figure(6.4)
     grid = figure.add_gridspec(2, len(groups), height_ratios=(1, 1.15))
     axes = [figure.add_subplot(grid[0, k]) for k in range(len(groups))]
     for axis, (name, joints) in zip(axes, groups.items(), strict=True):
@@ -64,17 +78,18 @@ def torque_plot(results: Sequence[RunResult]) -> bytes | None:
     names = [name.removesuffix("_joint").replace("_", " ") for name in robot.joint_names]
     bars.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
     _share_axis(bars, "largest of the whole run, by joint")
-    style_axes([*axes, bars])
     bars.grid(False, axis="x")
-    return finish(figure, [], shown)
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def com_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def com_plot(results: Sequence[RunResult]) -> Figure | None:
     """Error of the centre of mass over time [mm]: sideways (length in the ground plane), and in height."""
     shown = with_ticks(results)
     if not shown:
         return None
-    figure, axes = new_figure(1, 2, 3.0, sharex=True)
+    figure, axes = new_axes(1, 2, 3.0, sharex=True)
     for result, colour in coloured(shown):
         error = 1e3 * (result.series["com"] - result.series["com_ref"])
         axes[0].plot(result.series["time"], np.linalg.norm(error[:, :2], axis=1), color=colour)
@@ -84,15 +99,18 @@ def com_plot(results: Sequence[RunResult]) -> bytes | None:
     axes[1].set_title("in height")
     for axis in axes:
         axis.set_ylabel("CoM error [mm]")
-    return finish(figure, axes, shown)
+    label_time(axes)
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def filter_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def filter_plot(results: Sequence[RunResult]) -> Figure | None:
     """How far the filter moves the velocity from what was asked, and one status strip per run."""
     shown = with_ticks(results)
     if not shown:
         return None
-    figure = Figure(figsize=(WIDTH, 2.7 + 0.4 * len(shown)), dpi=DPI, layout="constrained")
+    figure = new_figure(2.7 + 0.4 * len(shown))
     grid = figure.add_gridspec(2, 1, height_ratios=(2.2, 0.4 * len(shown)))
     upper = figure.add_subplot(grid[0])
     lower = figure.add_subplot(grid[1], sharex=upper)
@@ -108,17 +126,19 @@ def filter_plot(results: Sequence[RunResult]) -> bytes | None:
     # room for the legend above the curves
     upper.set_ylim(top=1.25 * upper.get_ylim()[1])
     upper.legend(loc="upper right", ncols=6)
-    style_axes([upper, lower])
     lower.grid(False)
-    return finish(figure, [lower], shown)
+    label_time([lower])
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def tick_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def tick_plot(results: Sequence[RunResult]) -> Figure | None:
     """Histogram of the time that one control tick took [ms]."""
     shown = with_ticks(results)
     if not shown:
         return None
-    figure, axes = new_figure(1, 1, 2.8)
+    figure, axes = new_axes(1, 1, 2.8)
     longest = max(float(np.percentile(r.series["tick_ms"], 99.5)) for r in shown)
     bins = np.linspace(0.0, 1.2 * longest + 1e-6, 70).tolist()
     for result, colour in coloured(shown):
@@ -127,7 +147,8 @@ def tick_plot(results: Sequence[RunResult]) -> bytes | None:
         axes[0].axvline(float(np.median(ticks)), color=colour, lw=1.4)
     axes[0].set_xlabel("time of one tick [ms]; last bar: that and longer")
     axes[0].set_ylabel("ticks")
-    return finish(figure, [], shown)
+    legend_of_runs(figure, shown)
+    return figure
 
 
 def joint_groups(robot: RobotDescription) -> dict[str, list[int]]:

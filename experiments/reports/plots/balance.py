@@ -4,13 +4,24 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from experiments.metrics.locomotion import PAIR, achieved_velocity, touchdowns
 from experiments.recording.gait_phases import Series, stances, swings, walks, without_sway
 from experiments.recording.recording import RunResult, run_title
-from experiments.reports.plot_style import INK, WIDTH, coloured, finish, new_figure, with_ticks
+from experiments.reports.plots.style import (
+    INK,
+    WIDTH,
+    as_png,
+    coloured,
+    label_time,
+    legend_below,
+    legend_of_runs,
+    new_axes,
+    with_ticks,
+)
 from robots.messages import Array, Mask
 
 SOLE, SOLE_EDGE = "#dfe5ec", "#9aa7b4"
@@ -22,7 +33,8 @@ LONGEST = 15.0
 EXCERPT = 10.0
 
 
-def plan_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def plan_plot(results: Sequence[RunResult]) -> Figure | None:
     """Ground plan [m]: where the soles stood, the CoM with its reference, and the measured ZMP; one picture a run.
 
     Lee et al., Fig. 5 (b). A run that fell is shown up to the fall.
@@ -33,7 +45,7 @@ def plan_plot(results: Sequence[RunResult]) -> bytes | None:
     columns = 1 if any(walks(r.series) for r in shown) else min(3, len(shown))
     rows = -(-len(shown) // columns)
     height = max(_panel_height(r, WIDTH / columns) for r in shown)
-    figure, axes = new_figure(rows, columns, 0.5 + height * rows)
+    figure, axes = new_axes(rows, columns, 0.5 + height * rows)
     for axis, (result, colour) in zip(axes, coloured(shown), strict=False):
         _draw_plan(axis, result, colour)
         axis.set_aspect("equal", adjustable="datalim")
@@ -51,11 +63,12 @@ def plan_plot(results: Sequence[RunResult]) -> bytes | None:
     if any(swings(r.series) for r in shown):
         colour = next(iter(coloured(shown)))[1]
         handles.append(Line2D([], [], color=colour, marker=".", ls="", label="ZMP, planned on one foot"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize=8)
-    return finish(figure, [], [])
+    legend_below(figure, handles)
+    return figure
 
 
-def balance_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def balance_plot(results: Sequence[RunResult]) -> Figure | None:
     """CoM, DCM reference and ZMP over time, within what the soles on the ground span [m]; two rows a run.
 
     Where a run has no DCM reference that of the CoM takes its place. Coordinates of a walk are counted from the base's
@@ -64,7 +77,7 @@ def balance_plot(results: Sequence[RunResult]) -> bytes | None:
     shown = [r for r in results if swings(r.series)]
     if not shown:
         return None
-    figure, axes = new_figure(2 * len(shown), 1, 0.5 + 4.2 * len(shown))
+    figure, axes = new_axes(2 * len(shown), 1, 0.5 + 4.2 * len(shown))
     for k, (result, colour) in enumerate(coloured(shown)):
         for axis, i in zip(axes[2 * k : 2 * k + 2], (0, 1), strict=True):
             _draw_coordinate(axis, result, i, colour)
@@ -76,11 +89,13 @@ def balance_plot(results: Sequence[RunResult]) -> bytes | None:
     ]
     asked = " or ".join(sorted({"DCM" if "dcm_ref" in r.series else "CoM" for r in shown}))
     handles.append(Line2D([], [], color=ASKED, ls="--", label=f"{asked} asked for"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=8)
-    return finish(figure, axes[-1:], [])
+    legend_below(figure, handles)
+    label_time(axes[-1:])
+    return figure
 
 
-def feet_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def feet_plot(results: Sequence[RunResult]) -> Figure | None:
     """Vertical force [N] and height [mm] of each foot over time, with the height asked for.
 
     ``None`` where no foot is lifted.
@@ -88,7 +103,7 @@ def feet_plot(results: Sequence[RunResult]) -> bytes | None:
     shown = [r for r in results if swings(r.series)]
     if not shown:
         return None
-    figure, axes = new_figure(2, 2, 5.2, sharex=True)
+    figure, axes = new_axes(2, 2, 5.2, sharex=True)
     for result, colour in coloured(shown):
         part = _excerpt(result.series)
         time = result.series["time"][part]
@@ -102,10 +117,13 @@ def feet_plot(results: Sequence[RunResult]) -> bytes | None:
         axes[foot].set_title(name)
         axes[foot].set_ylabel("vertical force [N]")
         axes[2 + foot].set_ylabel("height of the sole [mm]")
-    return finish(figure, axes[2:], shown)
+    label_time(axes[2:])
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def velocity_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def velocity_plot(results: Sequence[RunResult]) -> Figure | None:
     """Velocity of the body in its own heading over each pair of steps, and the command where one is recorded.
 
     ``None`` where no run has taken enough steps.
@@ -113,7 +131,7 @@ def velocity_plot(results: Sequence[RunResult]) -> bytes | None:
     shown = [r for r in results if walks(r.series) and len(touchdowns(r.series)) > PAIR]
     if not shown:
         return None
-    figure, axes = new_figure(3, 1, 5.6, sharex=True)
+    figure, axes = new_axes(3, 1, 5.6, sharex=True)
     for result, colour in coloured(shown):
         time, velocity = _velocities(result.series)
         for axis, values in zip(axes, velocity.T, strict=True):
@@ -129,8 +147,10 @@ def velocity_plot(results: Sequence[RunResult]) -> bytes | None:
     handles = [Line2D([], [], color=INK, marker=".", label="over two steps")]
     if any("command" in r.series for r in shown):
         handles.append(Line2D([], [], ls="--", color=INK, label="command"))
-    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False, fontsize=8)
-    return finish(figure, axes[-1:], shown)
+    legend_below(figure, handles)
+    label_time(axes[-1:])
+    legend_of_runs(figure, shown)
+    return figure
 
 
 def _velocities(series: Series) -> tuple[Array, Array]:

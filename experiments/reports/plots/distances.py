@@ -3,18 +3,29 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from experiments.recording.gait_phases import walks
 from experiments.recording.recording import GUARANTEED, RunResult, family_minima, smallest_self_collision
-from experiments.reports.plot_style import INK, UNSAFE, coloured, finish, new_figure, shade_unsafe
+from experiments.reports.plots.style import (
+    INK,
+    UNSAFE,
+    as_png,
+    coloured,
+    label_time,
+    legend_of_runs,
+    new_axes,
+    shade_unsafe,
+)
 from robots.description import RobotDescription
 
 CLOSEST_PAIRS = 3
 HANDS = ("left_hand", "right_hand")
 
 
-def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def barrier_plot(results: Sequence[RunResult]) -> Figure | None:
     """Self-collision barriers over time [mm]: of the pairs that get closest, then the smallest of all.
 
     Where the run has a hand task, the pairs are of hand and torso. The reference motion's is added where it is known.
@@ -23,7 +34,7 @@ def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
     if not shown:
         return None
     pairs = _closest_pairs(shown)
-    figure, axes = new_figure(2, 2, 6.0, sharex=True)
+    figure, axes = new_axes(2, 2, 6.0, sharex=True)
     for axis, k in zip(axes, pairs, strict=False):
         for result, colour in coloured(shown):
             axis.plot(result.series["step_time"], 1e3 * result.series["h_self_collision"][:, k], color=colour)
@@ -41,10 +52,13 @@ def barrier_plot(results: Sequence[RunResult]) -> bytes | None:
     for axis in axes:
         shade_unsafe(axis)
         axis.set_ylabel("distance [mm]")
-    return finish(figure, axes[-2:], shown)
+    label_time(axes[-2:])
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def guarantee_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def guarantee_plot(results: Sequence[RunResult]) -> Figure | None:
     """Smallest self-collision barrier, legs apart, with the bounds that the condition promises [mm]; |d| below.
 
     ``None`` where no run has a condition that promises one.
@@ -53,7 +67,7 @@ def guarantee_plot(results: Sequence[RunResult]) -> bytes | None:
     shown = [r for r in results if "h_bound" in r.series and np.isfinite(r.series["h_bound"][:, column]).any()]
     if not shown:
         return None
-    figure, axes = new_figure(2, 1, 5.0, sharex=True)
+    figure, axes = new_axes(2, 1, 5.0, sharex=True)
     for result, colour in coloured(shown):
         series = result.series
         time, h = series["step_time"], family_minima(series, len(result.robot.leg_pairs))[:, column]
@@ -71,29 +85,35 @@ def guarantee_plot(results: Sequence[RunResult]) -> bytes | None:
     axes[0].set_ylabel("distance [mm]")
     axes[1].set_ylabel("|d| [m/s, rad/s]")
     axes[1].set_ylim(bottom=0.0)
-    return finish(figure, axes[-1:], shown)
+    label_time(axes[-1:])
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def obstacle_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def obstacle_plot(results: Sequence[RunResult]) -> Figure | None:
     """Smallest obstacle barrier over time [mm]; ``None`` where no run has an obstacle."""
     shown = [r for r in results if np.isfinite(r.series.get("h_obstacle", np.empty(0))).any()]
     if not shown:
         return None
-    figure, axes = new_figure(1, 1, 3.0)
+    figure, axes = new_axes(1, 1, 3.0)
     for result, colour in coloured(shown):
         axes[0].plot(result.series["step_time"], 1e3 * result.series["h_obstacle"], color=colour)
     shade_unsafe(axes[0])
     axes[0].set_ylabel("distance [mm]")
-    return finish(figure, axes, shown)
+    label_time(axes)
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def limits_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def limits_plot(results: Sequence[RunResult]) -> Figure | None:
     """Smallest joint-limit barrier [rad], and the distance that each workspace bound limits, with its bound [m]."""
     shown = [r for r in results if len(r.series["step_time"])]
     if not shown:
         return None
     bounds = shown[0].robot.workspace
-    figure, axes = new_figure(1, 1 + len(bounds), 3.0, sharex=True)
+    figure, axes = new_axes(1, 1 + len(bounds), 3.0, sharex=True)
     for result, colour in coloured(shown):
         time = result.series["step_time"]
         axes[0].plot(time, result.series["h_joint_limit"], color=colour)
@@ -109,15 +129,18 @@ def limits_plot(results: Sequence[RunResult]) -> bytes | None:
         axis.set_ylim(low, high)
         axis.set_title(bound.name.replace("_", " "))
         axis.set_ylabel("distance [m]")
-    return finish(figure, axes, shown)
+    label_time(axes)
+    legend_of_runs(figure, shown)
+    return figure
 
 
-def feet_plot(results: Sequence[RunResult]) -> bytes | None:
+@as_png
+def feet_plot(results: Sequence[RunResult]) -> Figure | None:
     """Barrier between the feet, and the smallest among all pairs of legs [mm]; ``None`` where no run walks."""
     shown = [r for r in results if walks(r.series) and feet_pairs(r.robot)]
     if not shown:
         return None
-    figure, axes = new_figure(1, 2, 3.0, sharex=True)
+    figure, axes = new_axes(1, 2, 3.0, sharex=True)
     for result, colour in coloured(shown):
         time, h = result.series["step_time"], 1e3 * result.series["h_self_collision"]
         axes[0].plot(time, h[:, feet_pairs(result.robot)].min(axis=1), color=colour)
@@ -127,7 +150,9 @@ def feet_plot(results: Sequence[RunResult]) -> bytes | None:
     for axis in axes:
         shade_unsafe(axis)
         axis.set_ylabel("distance [mm]")
-    return finish(figure, axes, shown)
+    label_time(axes)
+    legend_of_runs(figure, shown)
+    return figure
 
 
 def feet_pairs(robot: RobotDescription) -> list[int]:

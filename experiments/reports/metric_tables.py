@@ -1,0 +1,37 @@
+"""Tables of figures: a row for each run, or the runs side by side."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any
+
+from experiments.metrics.metric import Figure, known_figures
+from experiments.recording.recording import RunResult, plain, run_title
+from experiments.reports.table import Cell, Column, Row, Table
+
+
+def rows_table(
+    rows: Sequence[Mapping[str, Any]], figures: Sequence[Figure], title: str = "", caption: str = ""
+) -> Table:
+    """A row for each of ``rows``, a column for each of the ``figures``; columns whose values are words to the left."""
+    columns = (Column(f.words, f.unit, _all_words([row.get(f.key) for row in rows])) for f in figures)
+    cells = (tuple(_cell(f, row.get(f.key)) for f in figures) for row in rows)
+    return Table(tuple(columns), tuple(Row(line) for line in cells), title, caption)
+
+
+def _all_words(values: Sequence[Any]) -> bool:
+    return all(isinstance(value, str) for value in values)
+
+
+def runs_table(results: Sequence[RunResult]) -> Table:
+    """The summaries of runs side by side: a column for each run, a row for each figure that one of them has."""
+    lines = ((figure, [plain(v) for v in values]) for figure, values in known_figures(results))
+    return side_by_side([run_title(r) for r in results], lines)
+
+
+def side_by_side(headings: Sequence[str], lines: Iterable[tuple[Figure, Sequence[Any]]]) -> Table:
+    """A column under each of the ``headings``; of each line the figure and its value in every column."""
+    rows = (Row((figure.words, *(_cell(figure, v) for v in values)), figure.unit) for figure, values in lines)
+    return Table((Column("", words=True), *map(Column, headings)), tuple(rows))
+
+
+def _cell(figure: Figure, value: Any) -> Cell:
+    return Cell(figure.text(value), figure.is_bad(value))

@@ -1,0 +1,1 @@
+"""Plots of finished runs: one module a subject, one style for all (``style``)."""

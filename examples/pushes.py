@@ -21,7 +21,7 @@ def after_a_push(force: float, duration: float) -> tuple[float, int]:
     robot = sw.load_robot("g1")
     body = sw.MujocoPlant(robot)
     config = sw.controller_config(robot, **sw.walking_changes(robot))
-    agent = sw.Agent(robot, config, gait=lambda r, state: sw.Walking(r, sw.walk_tuning(r), state))
+    agent = sw.Agent(robot, config, gait=lambda kin: sw.Walking(kin, sw.walk_tuning(kin.robot)))
     agent.reset(body.state())
     torso = robot.roles["torso"]
     upright = body.frame_position(torso)[2]

@@ -20,7 +20,7 @@ def main(duration: float = 11.0) -> tuple[float, int]:
     robot = sw.load_robot("g1")
     body = sw.MujocoPlant(robot)
     config = sw.controller_config(robot, **sw.walking_changes(robot))
-    agent = sw.Agent(robot, config, gait=lambda r, state: sw.Walking(r, sw.walk_tuning(r), state))
+    agent = sw.Agent(robot, config, gait=lambda kin: sw.Walking(kin, sw.walk_tuning(kin.robot)))
     agent.reset(body.state())
     walking = agent.gait
     assert isinstance(walking, sw.Walking)

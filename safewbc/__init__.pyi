@@ -1,9 +1,9 @@
 # The list of the front door. Type checkers and editors read it as it stands, ``__init__.py`` makes its names from it.
 from controllers.agent import Agent as Agent, AgentOutput as AgentOutput
-from controllers.gaits.commands import CommandedWalk as CommandedWalk
-from controllers.gaits.footsteps import VelocityCommand as VelocityCommand
-from controllers.gaits.walking import Walking as Walking
-from controllers.gaits.walking_config import walk_tuning as walk_tuning, walking_changes as walking_changes
+from controllers.gaits.commands import VelocityCommand as VelocityCommand
+from controllers.gaits.walking.commanded import CommandedWalk as CommandedWalk
+from controllers.gaits.walking.config import walk_tuning as walk_tuning, walking_changes as walking_changes
+from controllers.gaits.walking.walking import Walking as Walking
 from controllers.motions.hand_targets import HandTargets as HandTargets
 from controllers.motions.hands import HandCircles as HandCircles
 from controllers.obstacle_tracker import ObstacleTracker as ObstacleTracker, TrackingSettings as TrackingSettings

@@ -13,9 +13,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from controllers.motions.hands import HandCircles
-from controllers.reference import WholeBodyReference
-from controllers.whole_body.controller import WholeBodyController
+from controllers.agent import Agent
 from experiments.benchmarks.peer_stacks import PEERS, OurIk, Peer, Solver
 from experiments.benchmarks.tick import prepared, recorded
 from experiments.reports.table import Column, Row, Table, show
@@ -79,11 +77,10 @@ def bench_peers(options: BenchOptions) -> int:
     robot = load_robot("g1")
     warm_up(console, robot)
     with console.status(f"{robot.title}: recording a run, then replaying it"):
-        controller, reference, motion = prepared(robot, BenchOptions("peers"))
-        states = recorded(controller, reference, motion, ticks)
-        lines = measure(controller, reference, motion, states)
+        agent = prepared(robot, BenchOptions("peers"))
+        lines = measure(agent, recorded(robot, agent, ticks))
     show(table(lines, f"microseconds a call over {ticks} states of the {robot.title}"), console)
-    for note in notes(lines, len(robot.self_collision_pairs), controller.barriers.size):
+    for note in notes(lines, len(robot.self_collision_pairs), agent.controller.barriers.size):
         console.print(note, markup=False)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
@@ -92,25 +89,21 @@ def bench_peers(options: BenchOptions) -> int:
 
 
 def measure(
-    controller: WholeBodyController,
-    reference: WholeBodyReference,
-    motion: HandCircles,
+    agent: Agent,
     states: Sequence[RobotState],
     peers: Sequence[Peer] = PEERS,
 ) -> list[Line]:
     """Go through recorded states, by turns with ours and with each of the ``peers`` that is installed.
 
     Args:
-        controller: gives robot and settings.
-        reference: of the recorded run; ``motion`` moves it to each state's time.
-        motion: of the hands in the recorded run.
+        agent: that of the recorded run; gives robot, settings and the references at each state.
         states: recorded.
         peers: what ours is compared with.
 
     Returns:
         Our two lines, then one of each peer.
     """
-    robot, config = controller.robot, controller.config
+    robot, config = agent.robot, agent.controller.config
     ours, solvers = OurIk(robot, config), [p.make(robot, config) if p.version() else None for p in peers]
     version = metadata.version("safewbc")
     lines = [Line(OURS, version), Line(OUR_TICK, version), *(Line(p.name, p.version()) for p in peers)]
@@ -119,14 +112,13 @@ def measure(
         expected = []
         gc.collect()
         for i, state in enumerate(block):
-            motion.apply(reference, state.stamp)
-            expected.append(ours.velocity(state, reference))
+            expected.append(ours.velocity(state, agent.references_at(state)))
             if i >= WARM_UP:
                 for line, seconds in zip(lines[:2], ours.seconds, strict=True):
                     line.seconds.append(seconds)
         for line, solver in zip(lines[2:], solvers, strict=True):
             if solver is not None:
-                _measure_block(line, solver, block, expected, motion, reference)
+                _measure_block(line, solver, block, expected, agent)
     return lines
 
 
@@ -135,13 +127,12 @@ def _measure_block(
     solver: Solver,
     states: Sequence[RobotState],
     expected: Sequence[Array],
-    motion: HandCircles,
-    reference: WholeBodyReference,
+    agent: Agent,
 ) -> None:
     """Time a peer on a few states and compare with our velocities (nj,) there; the first ``WARM_UP`` do not count."""
     gc.collect()
     for i, (state, ours) in enumerate(zip(states, expected, strict=True)):
-        motion.apply(reference, state.stamp)
+        reference = agent.references_at(state)
         start = time.perf_counter()
         velocity = solver.velocity(state, reference)
         seconds = time.perf_counter() - start

@@ -6,18 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from controllers.reference import reference_here
-from controllers.supervisor import Supervisor
+from controllers.agent import Agent, AgentOutput
 from controllers.whole_body.config import ControllerConfig
-from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
 from experiments.cli.study_print import show_study
 from experiments.metrics.metric import Figure
+from experiments.running.loop import ClosedLoop, Observer
 from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
-from robots.messages import Array
+from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import standard_barriers
 from safety.filters.safety_filter import FilterStatus
@@ -97,27 +96,38 @@ def leave_collision(robot: RobotDescription, config: ControllerConfig, duration:
     for joint, value in STARTS[robot.name].items():
         q[7 + robot.joint_names.index(joint)] = value
     plant.reset(q)
-    controller = WholeBodyController(robot, config, with_hands=False)
-    supervisor, state = Supervisor(controller), plant.measured_state()
-    controller.reset(state)
-    controller.kin.update(state.q, state.v)
-    reference = reference_here(controller.kin, with_hands=False)
-    kin = Kinematics(robot)
-    barriers = standard_barriers(kin, ())
-    ticks: list[dict[str, Any]] = []
-    torque = []
-    for k in range(round(duration / config.dt)):
-        state = plant.measured_state()
-        kin.update(state.q, state.v)
-        command, result = supervisor.tick(state, reference, ())
+    agent, trace = Agent(robot, config, settle_time=0.0), Trace(plant)
+    agent.reset(plant.state())
+    ClosedLoop(plant, agent, observers=[trace], steps=round(config.dt / plant.config.dt)).run(duration)
+    return trace.series()
+
+
+class Trace(Observer):
+    """Keeps commands, torques, and the smallest of all barriers."""
+
+    def __init__(self, plant: MujocoPlant) -> None:
+        self._plant, self._kin = plant, Kinematics(plant.robot)
+        self._barriers = standard_barriers(self._kin, ())
+        self._ticks: list[dict[str, Any]] = []
+        self._torque: list[Array] = []
+
+    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+        """See :meth:`Observer.ticked`."""
+        result = output.result
+        self._kin.update(state.q, state.v)
         failed = result is None or result.safety.status == FilterStatus.FAILED or result.dynwbc.status != "optimal"
-        v = np.zeros(kin.nv) if result is None else result.safety.v
-        ticks.append({"time": k * config.dt, "h": barriers.evaluate(kin).h.min(), "v": v, "failed": failed})
-        plant.send(command)
-        for _ in range(round(config.dt / plant.config.dt)):
-            plant.step()
-            torque.append(plant.torque / plant.effort)
-    return {key: np.array([tick[key] for tick in ticks]) for key in ticks[0]} | {"torque": np.array(torque)}
+        v = np.zeros(self._kin.nv) if result is None else result.safety.v
+        h = self._barriers.evaluate(self._kin).h.min()
+        self._ticks.append({"time": loop.time, "h": h, "v": v, "failed": failed})
+
+    def stepped(self, loop: ClosedLoop) -> None:
+        """See :meth:`Observer.stepped`."""
+        self._torque.append(self._plant.torque / self._plant.effort)
+
+    def series(self) -> dict[str, Array]:
+        """What was kept, as :func:`leave_collision` returns it."""
+        ticks = self._ticks
+        return {key: np.array([tick[key] for tick in ticks]) for key in ticks[0]} | {"torque": np.array(self._torque)}
 
 
 def recovery_figures(series: Mapping[str, Array], config: ControllerConfig) -> dict[str, Any]:

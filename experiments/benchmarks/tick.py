@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from controllers.motions.hands import HandCircles, circle_settings
-from controllers.reference import WholeBodyReference, reference_here
-from controllers.whole_body.controller import STAGES, WholeBodyController
+from controllers.agent import Agent, AgentOutput
+from controllers.motions.hands import HandCircles
+from controllers.whole_body.controller import STAGES
 from controllers.whole_body.robot_config import controller_config
 from experiments.reports.table import Column, Row, Table, show
+from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_tracking import start_posture
 from experiments.scenarios.options import BenchOptions
@@ -104,49 +105,43 @@ def stage_table(figures: Mapping[str, Mapping[str, Mapping[str, float]]], title:
 
 def measure(robot: RobotDescription, options: BenchOptions, ticks: int) -> Array:
     """Stage times (ticks, len(STAGES)) [s] of the hand-tracking run at +20 % mass, replayed without the plant."""
-    controller, reference, motion = prepared(robot, options)
-    states = recorded(controller, reference, motion, ticks + WARM_UP)
-    controller, reference, motion = prepared(robot, options)
+    states = recorded(robot, prepared(robot, options), ticks + WARM_UP)
+    agent = prepared(robot, options)
+    agent.reset(states[0])
     out = np.zeros((len(states), len(STAGES)))
     gc.collect()
     for i, state in enumerate(states):
-        motion.apply(reference, state.stamp)
-        out[i] = controller.tick(state, reference).stage_seconds
+        result = agent.tick(state).result
+        assert result is not None
+        out[i] = result.stage_seconds
     return out[WARM_UP:]
 
 
-def prepared(
-    robot: RobotDescription, options: BenchOptions
-) -> tuple[WholeBodyController, WholeBodyReference, HandCircles]:
-    """A controller, and what the hands are to do with it: circles through the torso."""
+def prepared(robot: RobotDescription, options: BenchOptions) -> Agent:
+    """An agent whose hands are to go round circles through the torso."""
     config = controller_config(robot, filter=options.filter, dynwbc_solver=options.solver)
-    controller = WholeBodyController(robot, config, with_hands=True)
-    kin = controller.kin
-    kin.update(standing_configuration(robot, start_posture(robot)), np.zeros(kin.nv))
-    reference = reference_here(kin, with_hands=True)
-    assert reference.hands is not None
-    left, right = reference.hands
-    motion = HandCircles(circle_settings(robot), (left.position.copy(), right.position.copy()))
-    return controller, reference, motion
+    return Agent(robot, config, motions=[HandCircles.for_robot], with_hands=True, settle_time=0.0)
 
 
-def recorded(
-    controller: WholeBodyController, reference: WholeBodyReference, motion: HandCircles, ticks: int
-) -> list[RobotState]:
+class States(Observer):
+    """Keeps the states that an agent was shown."""
+
+    def __init__(self) -> None:
+        self.kept: list[RobotState] = []
+
+    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+        """See :meth:`Observer.ticked`."""
+        self.kept.append(state)
+
+
+def recorded(robot: RobotDescription, agent: Agent, ticks: int) -> list[RobotState]:
     """The states of a run at +20 % mass, of as many ticks."""
-    plant_settings = PlantConfig(changes=PhysicalChanges(mass_scale=1.2))
-    plant = MujocoPlant(controller.robot, plant_settings, np.random.default_rng(0))
-    plant.reset(standing_configuration(controller.robot, start_posture(controller.robot)))
-    controller.reset(plant.true_state())
-    states = []
-    for _ in range(ticks):
-        state = plant.true_state()
-        states.append(state)
-        motion.apply(reference, state.stamp)
-        plant.send(controller.tick(state, reference).command)
-        for _ in range(round(controller.config.dt / plant_settings.dt)):
-            plant.step()
-    return states
+    plant = MujocoPlant(robot, PlantConfig(changes=PhysicalChanges(mass_scale=1.2)), np.random.default_rng(0))
+    plant.reset(standing_configuration(robot, start_posture(robot)))
+    agent.reset(plant.state())
+    states = States()
+    ClosedLoop(plant, agent, observers=[states]).run(ticks * agent.dt)
+    return states.kept
 
 
 def stage_figures(times: Array) -> dict[str, dict[str, float]]:

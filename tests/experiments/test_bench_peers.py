@@ -106,9 +106,8 @@ def test_a_target_is_ahead_by_what_makes_the_error_feed_the_velocity_forward(rob
 
 def test_every_line_counts_its_calls_and_differs_by_what_it_does() -> None:
     robot = load_robot("g1")
-    controller, reference, motion = prepared(robot, BenchOptions("peers"))
-    states = recorded(controller, reference, motion, 2 * BLOCK)
-    lines = measure(controller, reference, motion, states, (PRESENT, ABSENT))
+    agent = prepared(robot, BenchOptions("peers"))
+    lines = measure(agent, recorded(robot, agent, 2 * BLOCK), (PRESENT, ABSENT))
     assert [line.name for line in lines] == [OURS, OUR_TICK, "stub", "absent"]
     counted = 2 * (BLOCK - WARM_UP)
     assert [len(line.seconds) for line in lines] == [counted, counted, counted, 0]

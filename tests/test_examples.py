@@ -16,8 +16,10 @@ SCRIPTS = sorted(FOLDER.glob("*.py"))
 PROMISES: dict[str, tuple[dict[str, Any], Callable[[Any], bool]]] = {
     "fixed_arm": ({"duration": 1.5}, lambda found: found[0] > -0.1 and found[1] < 250.0),
     "hands_and_filter": ({"duration": 3.0}, lambda found: found[0] < 0.0 < found[1]),
+    "live_changes": ({"duration": 4.0}, lambda found: found[0] > 20.0 and found[1] < 15.0),
     "moving_obstacle": ({"duration": 3.0}, lambda found: found[0] > 0.0 and found[1] < 150.0),
     "own_barrier": ({"duration": 1.5}, lambda smallest: -2.0 < smallest < 10.0),
+    "own_body": ({"duration": 0.5}, lambda error: error < 10.0),
     "own_robot": ({"duration": 0.5}, lambda height: abs(height - 0.9) < 0.01),
     "pushes": ({"duration": 1.8, "forces": (50.0, 600.0)}, lambda found: found[0][0] > 0.95 and found[1][0] < 0.6),
     "stand": ({"duration": 1.0}, lambda error: error < 10.0),

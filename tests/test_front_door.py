@@ -45,6 +45,12 @@ def test_the_stub_exports_each_name_as_itself_and_says_nothing_else() -> None:
     assert all(alias.asname == alias.name for statement in IMPORTS for alias in statement.names)
 
 
+def test_the_package_runs_as_the_command_line() -> None:
+    command = [sys.executable, "-m", "safewbc", "--version"]
+    run = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (run.returncode, run.stdout.split()[0], run.stderr) == (0, "safewbc", "")
+
+
 def test_an_unknown_name_is_refused_with_those_that_there_are() -> None:
     with pytest.raises(AttributeError, match=r"no attribute 'load_robots', only .*load_robot,"):
         sw.load_robots  # type: ignore[attr-defined]  # noqa: B018

@@ -15,17 +15,12 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import MotorCommand, RobotState
-from robots.pinocchio_model import standing_configuration
 from safety.filters.safety_filter import FilterStatus
 from safety.geometry.shapes import Obstacle
+from tests.support.states import at_rest
 
 BASE_Q = ["base x", "base y", "base z", *(f"base quaternion {a}" for a in "xyzw")]
 BASE_V = [f"base {kind} velocity {a}" for kind in ("linear", "angular") for a in "xyz"]
-
-
-def at_rest(robot: RobotDescription, stamp: float = 0.0) -> RobotState:
-    nj = len(robot.joints)
-    return RobotState(standing_configuration(robot), np.zeros(6 + nj), np.zeros(nj), stamp)
 
 
 def supervised(robot: RobotDescription) -> tuple[Supervisor, WholeBodyReference]:
@@ -111,10 +106,10 @@ def test_a_bad_state_stops_at_once_and_for_good(robot: RobotDescription, first: 
         _, result = supervisor.tick(at_rest(robot), reference)
         assert result is not None
         assert supervisor.cause is None
-    bad = with_entry(at_rest(robot, 0.5), "q", 7, np.nan)
-    worse = with_entry(at_rest(robot, 0.6), "v", 0, np.inf)
+    bad = with_entry(at_rest(robot, stamp=0.5), "q", 7, np.nan)
+    worse = with_entry(at_rest(robot, stamp=0.6), "v", 0, np.inf)
     kd = supervisor.controller.config.gain_scale * robot.joint_array("kd")
-    for state in (bad, worse, at_rest(robot, 0.7)):
+    for state in (bad, worse, at_rest(robot, stamp=0.7)):
         command, result = supervisor.tick(state, reference)
         assert result is None
         assert supervisor.cause == f"measured position of {robot.joint_names[0]} is nan"
@@ -135,7 +130,7 @@ def test_a_fade_out_holds_then_fades(robot: RobotDescription) -> None:
     dt = supervisor.controller.config.dt
     shares = []
     for i in range(1, round((HOLD_TIME + FADE_TIME) / dt) + 5):
-        state = with_entry(at_rest(robot, i * dt), "q", 8, np.nan)
+        state = with_entry(at_rest(robot, stamp=i * dt), "q", 8, np.nan)
         command, _ = supervisor.tick(state, reference)
         np.testing.assert_array_equal(command.q, last.q)
         share = float(command.kp[0] / last.kp[0])
@@ -206,9 +201,9 @@ def test_an_obstacle_of_another_kind_stops_the_robot(robot: RobotDescription) ->
     far = Obstacle.sphere(np.array([9.0, 0.0, 0.0]), 0.1)
     sound, _ = supervisor.tick(at_rest(robot), reference, [far])
     cause = "the controller gives no command: obstacle 0 is a capsule, announced was a sphere"
-    state, strange = at_rest(robot, 0.1), passing_capsule(0.0)
+    state, strange = at_rest(robot, stamp=0.1), passing_capsule(0.0)
     assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference, [strange]), cause)
-    _, result = supervisor.tick(at_rest(robot, 0.2), reference, [far])
+    _, result = supervisor.tick(at_rest(robot, stamp=0.2), reference, [far])
     assert result is None
 
 
@@ -218,7 +213,7 @@ def test_missing_hands_stop_the_robot(robot: RobotDescription) -> None:
     reference = reference_here(supervisor.controller.kin, with_hands=True)
     sound, _ = supervisor.tick(at_rest(robot), reference)
     reference.hands = None
-    state = at_rest(robot, 0.1)
+    state = at_rest(robot, stamp=0.1)
     said = "the hands are tasks of this controller, but the reference gives none"
     cause = f"the controller gives no command: {said}"
     assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference), cause)
@@ -239,7 +234,7 @@ def test_an_error_of_a_tick_stops_the_robot(error: Exception, first: bool, monke
         raise error
 
     monkeypatch.setattr(supervisor.controller, "respond", broken)
-    state, cause = at_rest(g1, 0.1), f"the controller gives no command: {error}"
+    state, cause = at_rest(g1, stamp=0.1), f"the controller gives no command: {error}"
     assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(state, reference), cause)
 
 
@@ -255,7 +250,7 @@ def test_an_error_of_a_tick_after_a_stop_fades_out_under_the_first_cause(
         raise np.linalg.LinAlgError("Singular matrix")
 
     monkeypatch.setattr(supervisor.controller, "respond", broken)
-    _, result = supervisor.tick(at_rest(g1, 0.1), reference)
+    _, result = supervisor.tick(at_rest(g1, stamp=0.1), reference)
     assert result is None
     assert (supervisor.cause, supervisor.stopped_at) == ("first", 0.05)
 
@@ -341,17 +336,17 @@ def test_a_single_failure_does_not_stop_the_robot() -> None:
 def test_a_state_that_is_not_renewed_stops_the_robot(robot: RobotDescription) -> None:
     supervisor, reference = supervised(robot)
     for _ in range(MAX_FAILURES):
-        supervisor.tick(at_rest(robot, 1.0), reference)
+        supervisor.tick(at_rest(robot, stamp=1.0), reference)
         assert supervisor.cause is None
-    supervisor.tick(at_rest(robot, 1.0), reference)
+    supervisor.tick(at_rest(robot, stamp=1.0), reference)
     assert supervisor.cause == f"measured state is stale: stamp 1 s for {MAX_FAILURES + 1} ticks"
 
 
 @pytest.mark.parametrize("stamp", [0.9, np.nan])
 def test_a_stamp_that_goes_back_stops_the_robot(robot: RobotDescription, stamp: float) -> None:
     supervisor, reference = supervised(robot)
-    supervisor.tick(at_rest(robot, 1.0), reference)
-    _, result = supervisor.tick(at_rest(robot, stamp), reference)
+    supervisor.tick(at_rest(robot, stamp=1.0), reference)
+    _, result = supervisor.tick(at_rest(robot, stamp=stamp), reference)
     assert result is None
     assert supervisor.cause == f"measured state has stamp {stamp:g} s after one of 1 s"
 
@@ -372,7 +367,7 @@ def test_a_reference_that_is_not_finite_ends_in_a_stop_and_never_in_a_bad_comman
     supervisor.tick(at_rest(robot), reference)
     reference.com = PointReference(np.full(3, np.nan))
     for i in range(MAX_FAILURES + 1):
-        command, _ = supervisor.tick(at_rest(robot, 0.002 * (i + 1)), reference)
+        command, _ = supervisor.tick(at_rest(robot, stamp=0.002 * (i + 1)), reference)
         assert finite(command)
     assert supervisor.cause is not None
     assert "no solution" in supervisor.cause

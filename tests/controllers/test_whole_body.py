@@ -13,16 +13,11 @@ from robots.description import Body, RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
-from robots.pinocchio_model import standing_configuration
 from safety.filters.safety_filter import FILTERS, FilterStatus
+from tests.support.states import at_rest
 
 MIRROR = np.diag([1.0, -1.0, 1.0])
 POSTURES = ("standing", "hands_front")
-
-
-def at_rest(robot: RobotDescription, posture: str = "standing") -> RobotState:
-    nj = len(robot.joints)
-    return RobotState(standing_configuration(robot, posture), np.zeros(6 + nj), np.zeros(nj), 0.0)
 
 
 def random_state(robot: RobotDescription, rng: np.random.Generator) -> RobotState:

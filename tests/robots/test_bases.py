@@ -9,6 +9,7 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, Indices
 from robots.pinocchio_model import build_pinocchio_model, standing_configuration, upper_body_joints
+from tests.support.states import random_state
 from wbc.tasks import PostureTask, TaskGains
 
 STEP = 1e-5
@@ -31,17 +32,6 @@ CASES = [
     )
 ]
 BASE_COLUMNS = {"floating": [0, 1, 2, 3, 4, 5], "planar": [0, 1, 5], "fixed": []}
-
-
-def random_state(kin: Kinematics, seed: int) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    quaternion, yaw = rng.normal(size=4), rng.uniform(-np.pi, np.pi)
-    base = {
-        "floating": np.concatenate([rng.normal(size=3), quaternion / np.linalg.norm(quaternion)]),
-        "planar": np.array([*rng.normal(size=2), np.cos(yaw), np.sin(yaw)]),
-        "fixed": np.empty(0),
-    }[kin.base]
-    return np.concatenate([base, rng.uniform(*kin.position_limits)]), rng.normal(size=kin.nv)
 
 
 @pytest.fixture(params=CASES, ids="-".join)

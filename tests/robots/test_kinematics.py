@@ -9,17 +9,10 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
+from tests.support.states import random_state
 
 STEP = 1e-6
 VIEWS = ("mass_matrix", "bias", "world_jacobian", "joint_transforms", "com", "com_velocity", "com_jacobian")
-
-
-def random_state(kin: Kinematics, seed: int) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    quaternion = rng.normal(size=4)
-    joints = rng.uniform(*kin.robot.position_limits)
-    q = np.concatenate([rng.normal(size=3), quaternion / np.linalg.norm(quaternion), joints])
-    return q, rng.normal(size=kin.nv)
 
 
 @pytest.fixture(params=["g1", "tocabi"])

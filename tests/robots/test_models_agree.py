@@ -12,6 +12,7 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.mujoco_spec import build_mujoco_spec
+from tests.support.states import random_state
 
 SEEDS = range(5)
 
@@ -44,14 +45,6 @@ class Pair:
         return mass
 
 
-def random_state(robot: RobotDescription, rng: np.random.Generator) -> tuple[Array, Array]:
-    """Joints within their limits, any base pose, all velocities."""
-    quaternion = rng.normal(size=4)
-    joints = rng.uniform(*robot.position_limits)
-    q = np.concatenate([rng.normal(size=3), quaternion / np.linalg.norm(quaternion), joints])
-    return q, rng.normal(size=6 + joints.size)
-
-
 def at_state(robot: RobotDescription, q: Array, v: Array) -> Pair:
     model = build_mujoco_spec(robot).compile()
     data = mujoco.MjData(model)
@@ -69,7 +62,7 @@ def at_state(robot: RobotDescription, q: Array, v: Array) -> Pair:
 def pair(request: pytest.FixtureRequest) -> Pair:
     name, seed = request.param
     robot = load_robot(name)
-    return at_state(robot, *random_state(robot, np.random.default_rng(seed)))
+    return at_state(robot, *random_state(Kinematics(robot), seed))
 
 
 @pytest.fixture(params=["g1", "tocabi"])
@@ -260,7 +253,7 @@ def test_sole_box_turns_with_its_frame() -> None:
     """A sole frame need not be parallel to the body it is on."""
     robot = load_robot("g1")
     turned = tuple(replace(f, rpy=np.array([0.3, -0.4, 0.5])) if f.name == "left_sole" else f for f in robot.frames)
-    pair = at_state(replace(robot, frames=turned), *random_state(robot, np.random.default_rng(0)))
+    pair = at_state(replace(robot, frames=turned), *random_state(Kinematics(robot), 0))
     rotation, position = pair.kin.frame_placement(pair.kin.frame_id("left_sole"))
     box = pair.model.geom("left_sole_contact")
     np.testing.assert_allclose(pair.data.geom_xmat[box.id].reshape(3, 3), rotation, rtol=0, atol=1e-12)

@@ -16,6 +16,7 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.mujoco_spec import build_mujoco_spec
+from tests.support.states import random_state
 
 
 def numbers(values: Sequence[float] | Array) -> str:
@@ -67,14 +68,6 @@ def load_small(folder: Path, parts: Sequence[str] = SMALL, extra: str = "") -> R
     (folder / "small.urdf").write_text(f'<robot name="small">{"".join(parts)}</robot>', encoding="utf-8")
     (folder / "small.toml").write_text(HEAD + extra + REST, encoding="utf-8")
     return load_robot(folder / "small.toml")
-
-
-def random_state(kin: Kinematics, seed: int) -> tuple[Array, Array]:
-    rng = np.random.default_rng(seed)
-    quaternion = rng.normal(size=4)
-    joints = rng.uniform(*kin.robot.position_limits)
-    q = np.concatenate([rng.normal(size=3), quaternion / np.linalg.norm(quaternion), joints])
-    return q, rng.normal(size=kin.nv)
 
 
 def velocity_order(robot: RobotDescription, names: Sequence[str]) -> list[int]:

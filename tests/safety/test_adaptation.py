@@ -14,6 +14,7 @@ from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.adaptation import AdaptationTuning, EpsilonAdapter
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.safety_filter import FilterStatus, SafetyFilter
+from tests.support.rows import rows_of
 
 DT = 0.002
 PARAMETERS = BarrierParameters(
@@ -25,8 +26,7 @@ ANY = st.floats(allow_nan=True, allow_infinity=True)
 
 
 def rows(jac: Array, family: str = "self_collision") -> BarrierRows:
-    n = len(jac)
-    return BarrierRows(np.full(n, 0.01), jac, np.zeros(n), np.full(n, FAMILIES.index(family)))
+    return rows_of(np.full(len(jac), 0.01), jac, family=family)
 
 
 def steady(push: float, jac: Array, ticks: int, tuning: AdaptationTuning) -> float:

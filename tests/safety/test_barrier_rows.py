@@ -23,6 +23,7 @@ from safety.barriers.barrier_set import (
 )
 from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.geometry.shapes import Obstacle
+from tests.support.rows import copied
 
 STEP = 1e-6
 OBSTACLE_KINDS = ("capsule", "sphere", "box", "capsule", "half_space")
@@ -65,11 +66,9 @@ def random_obstacles(rng: np.random.Generator, center: Array) -> list[Obstacle]:
 
 
 def rows_at(barriers: BarrierSet, kin: Kinematics, q: Array, obstacles: list[Obstacle]) -> BarrierRows:
-    """Rows that later evaluations do not overwrite."""
     kin.update_geometry(q)
     obstacle_barrier(barriers).set_obstacles(obstacles)
-    rows = barriers.evaluate(kin)
-    return BarrierRows(rows.h.copy(), rows.jac.copy(), rows.drift.copy(), rows.family)
+    return copied(barriers.evaluate(kin))
 
 
 @pytest.fixture(params=SEEDS)

@@ -4,20 +4,14 @@ import numpy as np
 import pytest
 
 from robots.messages import Array
-from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters import second_phase, working_set
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.safety_filter import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
+from tests.support.rows import rows_demanding
 from wbc import active_set, least_slack
 
-OBSTACLE = FAMILIES.index("obstacle")
 V_MAX, ETA = 2.0, 0.5
 N, NV = 60, 8
-
-
-def rows_for(A: Array, b: Array) -> BarrierRows:
-    """Rows inside every margin on which SSA demands A v >= b."""
-    return BarrierRows(np.full(b.size, -0.1), A, ETA - b, np.full(b.size, OBSTACLE, dtype=np.intp))
 
 
 def make(name: str) -> SafetyFilter:
@@ -56,7 +50,7 @@ def test_the_best_so_far_is_taken_and_said_to_be(name: str, conflict: bool, budg
     spent = 0
     for _ in range(30):
         A, b, v_des = problem(rng, conflict)
-        result = make(name).apply(rows_for(A, b), v_des)
+        result = make(name).apply(rows_demanding(A, b, ETA), v_des)
         short = np.maximum(0.0, b - A @ result.v)
         assert (np.abs(result.v) <= V_MAX).all()
         assert result.status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
@@ -85,9 +79,9 @@ def test_more_steps_never_cost_slack(name: str, monkeypatch: pytest.MonkeyPatch)
         slack = []
         for steps in range(least_slack.DIRECT):
             kept = make(name)
-            kept.prepare(rows_for(A, b).family)
+            kept.prepare(rows_demanding(A, b, ETA).family)
             kept._resolution._soft._search._steps = steps  # type: ignore[attr-defined]
-            result = kept.apply(rows_for(A, b), v_des)
+            result = kept.apply(rows_demanding(A, b, ETA), v_des)
             slack.append(float(np.sum(np.maximum(0.0, b - A @ result.v) ** 2)))
         assert (np.diff(slack) <= 1e-6).all()
         assert slack[-1] < slack[0]
@@ -99,7 +93,7 @@ def test_without_a_budget_nothing_is_said() -> None:
         kept = make(name)
         for i in range(40):
             A, b, v_des = problem(rng, i % 2 == 1)
-            result = kept.apply(rows_for(A, b), v_des)
+            result = kept.apply(rows_demanding(A, b, ETA), v_des)
             assert not result.spent
             assert result.cause == ""
     assert second_phase.ROUNDS <= active_set.ROUNDS
@@ -113,12 +107,12 @@ def test_where_rounding_leaves_no_proof_daqp_is_asked(
     """A search that never proves anything: the answers are the same, only later."""
     rng = np.random.default_rng(3)
     problems = [problem(rng, conflict) for _ in range(20)]
-    expected = [make(name).apply(rows_for(A, b), v_des) for A, b, v_des in problems]
+    expected = [make(name).apply(rows_demanding(A, b, ETA), v_des) for A, b, v_des in problems]
     monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
     same = 0
     monkeypatch.setattr(working_set, "ITERATIONS", 300)
     for (A, b, v_des), right in zip(problems, expected, strict=True):
-        result = make(name).apply(rows_for(A, b), v_des)
+        result = make(name).apply(rows_demanding(A, b, ETA), v_des)
         if not result.spent:
             np.testing.assert_allclose(result.v, right.v, rtol=0, atol=1e-7)
             assert result.status == right.status
@@ -144,7 +138,7 @@ def test_daqp_is_asked_for_few_rows_only(monkeypatch: pytest.MonkeyPatch) -> Non
     for _ in range(20):
         A, b, v_des = problem(rng, False)
         asked.clear()
-        result = make("ssa").apply(rows_for(A, b), v_des)
+        result = make("ssa").apply(rows_demanding(A, b, ETA), v_des)
         assert len(asked) <= 3 * working_set.PASSES
         assert all(size <= 25 for size in asked)
         assert result.status in {FilterStatus.FILTERED, FilterStatus.RELAXED}

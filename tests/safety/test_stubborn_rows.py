@@ -5,23 +5,17 @@ import pytest
 from scipy.optimize import Bounds, minimize
 
 from robots.messages import Array
-from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.barriers.rows import HalfSpaces
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.resolutions import NearestQp
 from safety.filters.safety_filter import FilterStatus, SafetyFilter
 from safety.filters.second_phase import SecondPhase
 from safety.filters.working_set import Problem
+from tests.support.rows import rows_demanding
 from wbc.qp import UNBOUNDED, make_solver
 
-OBSTACLE = FAMILIES.index("obstacle")
 V_MAX, ETA = 2.0, 0.5
 HARD = ("ssa", "pssa")
-
-
-def rows_for(A: Array, b: Array) -> BarrierRows:
-    """Rows inside every margin on which SSA demands A v >= b."""
-    n = b.size
-    return BarrierRows(np.full(n, -0.1), A, ETA - b, np.full(n, OBSTACLE, dtype=np.intp))
 
 
 def make(name: str, n: int, nv: int) -> SafetyFilter:
@@ -50,11 +44,11 @@ def test_a_row_that_next_to_nothing_moves_is_relaxed_and_leaves_the_others_alone
         A, b, v_des = problem(rng, conflict)
         A[0] *= length / np.linalg.norm(A[0])
         b[0] = rng.uniform(0.1, 1.0)
-        result = kept.apply(rows_for(A, b), v_des)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des)
         assert result.status == FilterStatus.RELAXED
         assert 0 in result.relaxed
         assert result.shortfall[0] == pytest.approx(b[0], abs=V_MAX * np.abs(A[0]).sum() + 1e-12)
-        others = without.apply(rows_for(A[1:], b[1:]), v_des)
+        others = without.apply(rows_demanding(A[1:], b[1:], ETA), v_des)
         np.testing.assert_allclose(result.v, others.v, rtol=0, atol=1e-7)
         chosen = list(result.conflict())
         assert chosen == [0] or (conflict and 0 not in chosen and len(chosen) > 1)
@@ -82,7 +76,7 @@ def test_rows_given_up_cost_at_most_a_thousandth_of_the_least_slack(name: str) -
         if i % 2:
             A[5] = -A[4]
         b = np.full(12, ETA)
-        own = np.maximum(0.0, b - A @ make(name, 12, 8).apply(rows_for(A, b), v_des).v)
+        own = np.maximum(0.0, b - A @ make(name, 12, 8).apply(rows_demanding(A, b, ETA), v_des).v)
         assert np.linalg.norm(own) <= (1 + 1e-3) * least(A, b) + 1e-6
         span = 2 * V_MAX * np.abs(A).sum(axis=1)
         # beyond its best no row loses more than a ten-thousandth of the bounds' range
@@ -101,7 +95,7 @@ def test_the_bound_on_what_a_row_given_up_costs_is_reached_and_not_passed(name: 
     span = lever * (share if limit == "lever" else 0.5)
     short = span / ease / (share if limit == "ease" else 0.5)
     A, b = np.array([[span / (2 * V_MAX), 0.0], [0.0, 1.0]]), np.array([short + 0.5 * span, -1.0])
-    result = make(name, 2, 2).apply(rows_for(A, b), np.array([-5.0, 0.0]))
+    result = make(name, 2, 2).apply(rows_demanding(A, b, ETA), np.array([-5.0, 0.0]))
     if share < 1:
         # nearest to the nominal velocity: it costs all of the row's span
         np.testing.assert_allclose(result.v, [-V_MAX, 0.0], rtol=0, atol=1e-9)
@@ -114,7 +108,7 @@ def test_the_bound_on_what_a_row_given_up_costs_is_reached_and_not_passed(name: 
 
 def test_a_row_that_only_a_velocity_beyond_the_bounds_could_meet_is_named() -> None:
     A, b = np.array([[1e-6, 0.0], [0.0, 1.0]]), np.array([0.5, -1.0])
-    result = make("ssa", 2, 2).apply(rows_for(A, b), np.array([1e6, 0.0]))
+    result = make("ssa", 2, 2).apply(rows_demanding(A, b, ETA), np.array([1e6, 0.0]))
     assert result.status == FilterStatus.RELAXED
     np.testing.assert_array_equal(result.relaxed, [0])
     np.testing.assert_allclose(result.v, [V_MAX, 0.0], rtol=0, atol=1e-9)
@@ -129,10 +123,10 @@ def test_a_short_row_that_can_hold_is_held(length: float, name: str) -> None:
     for _ in range(40):
         A, b, v_des = problem(rng, False)
         short = np.append(np.full(3, length), np.ones(6))
-        result = kept.apply(rows_for(A * short[:, None], b * short), v_des)
+        result = kept.apply(rows_demanding(A * short[:, None], b * short, ETA), v_des)
         assert result.status in {FilterStatus.FILTERED, FilterStatus.UNCHANGED}
         # measured at unit length: the answer is that for rows of ordinary length
-        ordinary = make(name, 9, 5).apply(rows_for(A, b), v_des)
+        ordinary = make(name, 9, 5).apply(rows_demanding(A, b, ETA), v_des)
         np.testing.assert_allclose(result.v, ordinary.v, rtol=0, atol=1e-6)
 
 
@@ -151,7 +145,7 @@ def test_nearly_dependent_rows_have_an_answer_of_least_slack(name: str) -> None:
     lower, upper = np.full(nv + n, -V_MAX), np.full(nv + n, V_MAX)
     for _ in range(60):
         A, b, v_des = nearly_dependent(rng)
-        result = kept.apply(rows_for(A, b), v_des)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des)
         assert result.status == FilterStatus.RELAXED
         own = np.maximum(0.0, b - A @ result.v)
         lower[nv:], upper[nv:] = b, UNBOUNDED
@@ -172,9 +166,9 @@ def _problem(A: Array, b: Array, v_des: Array) -> Problem:
 def test_without_a_second_phase_the_first_one_is_the_answer(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(53)
     A, b, v_des = problem(rng, True)
-    full = make(name, 9, 5).apply(rows_for(A, b), v_des)
+    full = make(name, 9, 5).apply(rows_demanding(A, b, ETA), v_des)
     monkeypatch.setattr(SecondPhase, "solve", lambda *_: None)
-    result = make(name, 9, 5).apply(rows_for(A, b), v_des)
+    result = make(name, 9, 5).apply(rows_demanding(A, b, ETA), v_des)
     assert result.status == FilterStatus.RELAXED
     assert result.spent and "best found so far" in result.cause
     own, least = (np.maximum(0.0, b - A @ v) for v in (result.v, full.v))
@@ -190,7 +184,7 @@ def test_on_the_way_in_and_out_of_a_conflict_answers_do_not_depend_on_the_past(n
     for demand in (*np.linspace(-0.3, 0.3, 25), *np.linspace(0.3, -0.3, 25), -1e-6, 1e-6, -1e-9, 1e-5, 0.0):
         # the last two rows hold together for demands up to 0
         b[-2:] = 0.1 + demand, -0.1
-        one, two = (f.apply(rows_for(A, b), v_des) for f in (kept, make(name, 9, 5)))
+        one, two = (f.apply(rows_demanding(A, b, ETA), v_des) for f in (kept, make(name, 9, 5)))
         assert one.status == two.status
         np.testing.assert_allclose(one.v, two.v, rtol=0, atol=1e-7)
         assert (one.status == FilterStatus.RELAXED) == (demand > 1e-7)
@@ -209,6 +203,6 @@ def test_a_conflict_is_proved_before_the_hard_conditions_are_left_out() -> None:
     for conflict, expected in ((True, 1), (True, 0), (True, 0), (False, 1), (False, 1), (True, 1)):
         A, b, v_des = problem(rng, conflict)
         asked.clear()
-        found = resolution.resolve(_problem(A, b, v_des), rows_for(A, b))
+        found = resolution.resolve(_problem(A, b, v_des), rows_demanding(A, b, ETA))
         assert len(asked) == expected
         assert (found.candidates is not None) == conflict

@@ -8,6 +8,10 @@ from experiments.reports.terminal_table import TerminalTable
 from robots.errors import ConfigError
 
 
+MORE_LABELS = 2
+"""So many columns beyond those of words may be needed to tell rows apart."""
+
+
 @dataclass(frozen=True, slots=True)
 class Column:
     """One column.
@@ -59,7 +63,7 @@ class Table:
     """A table.
 
     Attributes:
-        columns: at least one; the leading ones with words name what a row is of.
+        columns: at least one; the leading ones name what a row is of.
         rows: from the top.
         title: above it; its further lines are text below the first one.
         caption: text below it.
@@ -93,9 +97,15 @@ class Table:
 
     @property
     def labels(self) -> int:
-        """Number of leading columns that name what a row is of."""
+        """Number of leading columns that name what a row is of: those of words, and some more if they tell rows apart."""
         leading = next((i for i, column in enumerate(self.columns) if not column.words), len(self.columns))
-        return min(max(leading, 1), len(self.columns))
+        least = max(leading, 1)
+        most = min(least + MORE_LABELS, len(self.columns))
+        return next((count for count in range(least, most + 1) if self._told_apart(count)), least)
+
+    def _told_apart(self, count: int) -> bool:
+        names = [tuple(cell.text for cell in self.cells(row)[:count]) for row in self.rows]
+        return len(set(names)) == len(names)
 
     def text(self, row: Row, i: int) -> str:
         """What stands in column ``i`` of one of the rows; a unit that the row has of its own is in the first one."""

@@ -1,7 +1,8 @@
 """A table as a terminal shows it: headings in several lines, then folded, where it is wider than the terminal."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from textwrap import wrap
 from typing import TYPE_CHECKING, Literal
 
 from rich.box import SIMPLE_HEAD
@@ -45,11 +46,8 @@ class TerminalTable:
 
     def drawn(self) -> Group:
         """All blocks, the title above and the caption below."""
-        table = self._table
-        blocks = [self._block(columns) for columns in self.folded()]
-        if table.title:
-            blocks[0].title, blocks[0].title_justify = Text(table.title), "left"
-        return Group(*blocks, *([Text(table.caption)] if table.caption else []))
+        title, caption = ([Text(text)] if text else [] for text in (self._table.title, self._table.caption))
+        return Group(*title, *(self._block(columns) for columns in self.folded()), *caption)
 
     def folded(self) -> list[list[int]]:
         """Indices of the columns of each block: as few blocks as fit, of about the same width."""
@@ -69,13 +67,28 @@ class TerminalTable:
         return blocks
 
     def _widths(self, columns: Sequence[int]) -> dict[int, int]:
-        """Widths of the columns of a block: room that is left goes first to those that lack least."""
-        widths = {i: self._least[i] for i in columns}
-        room = self._width - sum(w + GAP for w in widths.values())
+        """Widths of the columns of a block: headings as low as they can be, what is left to those that lack least."""
+        lines = 1
+        widths = self._widths_for(columns, lines)
+        while self._room(widths) < 0 and any(widths[i] > self._least[i] for i in columns):
+            lines += 1
+            widths = self._widths_for(columns, lines)
         for i in sorted(columns, key=lambda i: self._full[i] - widths[i]):
-            more = min(max(room, 0), self._full[i] - widths[i])
-            widths[i], room = widths[i] + more, room - more
+            widths[i] += min(max(self._room(widths), 0), self._full[i] - widths[i])
         return widths
+
+    def _room(self, widths: Mapping[int, int]) -> int:
+        return self._width - sum(w + GAP for w in widths.values())
+
+    def _widths_for(self, columns: Sequence[int], lines: int) -> dict[int, int]:
+        """The least widths with which no heading has more than so many lines, as far as that can be."""
+        possible = {i: range(self._least[i], self._full[i]) for i in columns}
+        return {
+            i: next((w for w in widths if self._height(i, w) <= lines), self._full[i]) for i, widths in possible.items()
+        }
+
+    def _height(self, i: int, width: int) -> int:
+        return sum(len(wrap(line, width, break_on_hyphens=False)) for line in self._headings[i].split("\n"))
 
     def _block(self, columns: Sequence[int]) -> RichTable:
         block = RichTable(box=SIMPLE_HEAD, padding=(0, 1, 0, 0), pad_edge=False)

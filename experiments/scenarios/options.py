@@ -261,7 +261,7 @@ class BenchOptions:
 
 @dataclass(frozen=True)
 class TableOptions:
-    """Make every run that a page of the documentation quotes, and print its tables as Markdown.
+    """Make every run that a page of the documentation quotes, and print its tables.
 
     Some minutes on two cores.
     """

@@ -67,7 +67,7 @@ class PushSearchOptions:
 
 @dataclass(frozen=True)
 class LocomotionTableOptions:
-    """Make every run that the page on locomotion quotes, and print its tables as Markdown.
+    """Make every run that the page on locomotion quotes, and print its tables.
 
     About three quarters of an hour on two cores.
     """

@@ -36,8 +36,8 @@ HANDS = ("left hand", "right hand")
 MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
 """Makes a motion from the robot and the references at the start."""
 
-MakeGait = Callable[[RobotDescription, RobotState], Gait]
-"""Makes a gait from the robot and its state at the start, both feet on the ground."""
+MakeGait = Callable[[Kinematics], Gait]
+"""Makes a gait from the robot's kinematics at the start, at rest with both feet on the ground."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,10 +166,12 @@ class Agent:
         self._begun, self._start_time = True, state.stamp
         self._forget_everything()
         controller, kin = self.controller, self.controller.kin
-        begin = state if start is None else replace(state, q=start, v=np.zeros(kin.nv))
-        kin.update(begin.q, begin.v)
+        if start is None:
+            kin.update(state.q, state.v)
+        else:
+            kin.update(start, np.zeros(kin.nv))
         self.reference = reference_here(kin, with_hands=controller.with_hands)
-        self.gait = None if self._make_gait is None else self._make_gait(self.robot, begin)
+        self.gait = None if self._make_gait is None else self._make_gait(kin)
         self.motions = []
         if self.gait is None:
             self.motions.append(CenterOfMassShift(kin.com.copy(), self.reference.com.position, SETTLE))
@@ -243,7 +245,7 @@ class Agent:
         if self.gait is not None:
             if stopped:
                 self.gait.stop()
-            self.gait.apply(reference, t, state)
+            self.gait.apply(reference, t, state, self.controller.kin)
         last = min(t, self.supervisor.stopped_at - self._start_time) if stopped else t
         for motion in self.motions:
             motion.apply(reference, last)

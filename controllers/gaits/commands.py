@@ -2,10 +2,10 @@
 
 The command of :class:`controllers.gaits.walking.Walking` may be set at any time, from wherever it comes::
 
-    walking = Walking(robot, walk_tuning(robot), state)
+    walking = Walking(kin, walk_tuning(kin.robot))
     ...
     walking.command = VelocityCommand(vx=0.2, wz=0.1)  # before any tick; heeded from the next step on
-    walking.apply(reference, t, state)
+    walking.apply(reference, t, state, kin)
 """
 
 import math
@@ -13,6 +13,7 @@ from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from controllers.gaits.foot_state import BodyKinematics
 from controllers.gaits.footsteps import VelocityCommand
 from controllers.gaits.walking import Walking
 from controllers.reference import WholeBodyReference
@@ -121,10 +122,10 @@ class CommandedWalk:
         self.walking = walking
         self.command = command
 
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
         """See :meth:`controllers.gaits.gait.Gait.apply`."""
         self.walking.command = self.command(t)
-        self.walking.apply(reference, t, state)
+        self.walking.apply(reference, t, state, kin)
 
     def stop(self) -> None:
         """See :meth:`controllers.gaits.gait.Gait.stop`."""

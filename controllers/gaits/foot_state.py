@@ -1,80 +1,100 @@
 """Where the feet stand and where the CoM is, as measured."""
 
 import math
+from typing import Protocol
 
 import numpy as np
 
 from controllers.gaits.footsteps import LEFT, RIGHT, Foothold
 from robots.description import RobotDescription
-from robots.kinematics import Kinematics
-from robots.messages import Array, RobotState
+from robots.messages import Array
 from wbc.wrench import GRAVITY
+
+
+class BodyKinematics(Protocol):
+    """What a gait reads of a body's kinematics at the measured state.
+
+    :class:`robots.kinematics.Kinematics` is one; anything that estimates the same quantities can take its place.
+    """
+
+    robot: RobotDescription
+
+    @property
+    def com(self) -> Array:
+        """Centre of mass in the world, shape (3,) [m]."""
+        ...
+
+    @property
+    def com_velocity(self) -> Array:
+        """Its velocity, shape (3,) [m/s]."""
+        ...
+
+    def frame_id(self, name: str) -> int:
+        """Index of a frame."""
+        ...
+
+    def frame_placement(self, frame_id: int) -> tuple[Array, Array]:
+        """Rotation (3, 3) and position (3,) [m] of a frame in the world."""
+        ...
 
 
 class Feet:
     r"""The soles where they last came down, and the divergent component of motion of every tick.
 
+    Nothing of the kinematics is kept: they are read when they are handed in.
+
     Attributes:
-        kin: kinematics at the state of the last :meth:`update`: placements and CoM only.
-        holds: foothold of left and right sole: where each was when it was last kept.
+        footholds: of left and right sole: where each was when it was last latched.
         heights: of both soles there [m].
         com_height: of the CoM over the soles at the beginning [m].
         omega: :math:`\sqrt{g / z}` of a pendulum of that height [1/s].
         dcm: shape (2,) measured divergent component of motion [m].
     """
 
-    def __init__(self, robot: RobotDescription, state: RobotState) -> None:
-        """Both feet on the ground in ``state``."""
-        self.kin = kin = Kinematics(robot)
-        self._ids = [kin.frame_id(robot.roles[r]) for r in ("left_sole", "right_sole")]
-        kin.update_center_of_mass(state.q, state.v)
-        self.holds = [self._foothold(LEFT), self._foothold(RIGHT)]
-        self.heights = [self._height(LEFT), self._height(RIGHT)]
+    def __init__(self, kin: BodyKinematics) -> None:
+        """Both feet on the ground, at rest, at the state of ``kin``."""
+        roles = kin.robot.roles
+        self._ids = (kin.frame_id(roles["left_sole"]), kin.frame_id(roles["right_sole"]))
+        self.latch(kin)
         self.com_height = float(kin.com[2]) - 0.5 * sum(self.heights)
         self.omega = math.sqrt(GRAVITY / self.com_height)
         self.dcm = kin.com[:2].copy()
 
-    def update(self, state: RobotState) -> None:
-        """Take in a measured state."""
-        self.kin.update_center_of_mass(state.q, state.v)
-        self.dcm = self.kin.com[:2] + self.kin.com_velocity[:2] / self.omega
+    def update(self, kin: BodyKinematics) -> None:
+        """Take in the kinematics of a tick."""
+        self.dcm = kin.com[:2] + kin.com_velocity[:2] / self.omega
 
-    def keep(self) -> None:
-        """Keep where both soles are now."""
-        self.holds = [self._foothold(LEFT), self._foothold(RIGHT)]
-        self.heights = [self._height(LEFT), self._height(RIGHT)]
-
-    def _sole(self, foot: int) -> tuple[Array, Array]:
-        return self.kin.frame_placement(self._ids[foot])
-
-    def _foothold(self, foot: int) -> Foothold:
-        rotation, position = self._sole(foot)
-        return Foothold(float(position[0]), float(position[1]), math.atan2(rotation[1, 0], rotation[0, 0]))
-
-    def _height(self, foot: int) -> float:
-        return float(self._sole(foot)[1][2])
+    def latch(self, kin: BodyKinematics) -> None:
+        """Take where both soles are now for their footholds."""
+        left, right = (kin.frame_placement(i) for i in self._ids)
+        self.footholds = [_foothold(*left), _foothold(*right)]
+        self.heights = [float(left[1][2]), float(right[1][2])]
 
     @property
     def places(self) -> list[Array]:
-        """Centres of left and right sole where they were last kept, (3,) each, world [m]."""
-        return [np.array([hold.x, hold.y, z]) for hold, z in zip(self.holds, self.heights, strict=True)]
+        """Centres of left and right sole where they were last latched, (3,) each, world [m]."""
+        return [np.array([foot.x, foot.y, z]) for foot, z in zip(self.footholds, self.heights, strict=True)]
 
     @property
     def middle(self) -> Array:
         """Between the soles' centres, shape (2,) [m]."""
-        return 0.5 * (self.holds[LEFT].point + self.holds[RIGHT].point)
+        return 0.5 * (self.footholds[LEFT].point + self.footholds[RIGHT].point)
 
     @property
     def width(self) -> float:
         """Sideways distance of the soles' centres [m]."""
-        return abs(self.holds[RIGHT].relative(self.holds[LEFT])[1])
+        return abs(self.footholds[RIGHT].relative(self.footholds[LEFT])[1])
 
     @property
     def centres(self) -> Array:
         """Soles' centres, shape (2, 2) [m]."""
-        return np.array([hold.point for hold in self.holds])
+        return np.array([foot.point for foot in self.footholds])
 
     @property
     def yaws(self) -> Array:
         """Soles' directions, shape (2,) [rad]."""
-        return np.array([hold.yaw for hold in self.holds])
+        return np.array([foot.yaw for foot in self.footholds])
+
+
+def _foothold(rotation: Array, position: Array) -> Foothold:
+    return Foothold(float(position[0]), float(position[1]), math.atan2(rotation[1, 0], rotation[0, 0]))

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from controllers.gaits.foot_state import Feet
+from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footsteps import LEFT, Foothold, VelocityCommand
 from controllers.gaits.walking import Walking
 from controllers.gaits.walking_config import WalkTuning
@@ -91,18 +91,17 @@ class LateralSteps:
     goes on from where the foot came down, and the next one is sent too close again.
 
     Args:
-        robot: the description.
+        kin: kinematics of the robot standing, both feet down.
         tuning: the steps.
         walk: how to walk; its times and its bounds on the distance of the feet are those of ``tuning``, where its
             ``swing_acceleration`` does not ask for longer times.
-        state: standing, both feet down.
 
     Attributes:
         walking: takes the steps.
     """
 
-    def __init__(self, robot: RobotDescription, tuning: LateralStepTuning, walk: WalkTuning, state: RobotState) -> None:
-        width = Feet(robot, state).width
+    def __init__(self, kin: BodyKinematics, tuning: LateralStepTuning, walk: WalkTuning) -> None:
+        width = Feet(kin).width
         self._tuning = tuning
         walk = dataclasses.replace(
             walk,
@@ -111,16 +110,16 @@ class LateralSteps:
             narrowest=min(tuning.apart / width, 1.0),
             widest=max(walk.widest, 1.25 * tuning.stride / width),
         )
-        self.walking = Walking(robot, walk, state, SideSteps(tuning.apart, tuning.stride, width))
+        self.walking = Walking(kin, walk, SideSteps(tuning.apart, tuning.stride, width))
         self._speed = (tuning.stride - tuning.apart) / (2.0 * (tuning.single_support + tuning.double_support))
 
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
         """See :meth:`controllers.gaits.gait.Gait.apply`."""
         turns, over = self._tuning.steps, 2 * self._tuning.steps
         done = self.walking.steps
         direction = 1.0 if done < turns else -1.0 if done < over else 0.0
         self.walking.command = VelocityCommand(vy=direction * self._speed)
-        self.walking.apply(reference, t, state)
+        self.walking.apply(reference, t, state, kin)
 
     def stop(self) -> None:
         """See :meth:`controllers.gaits.gait.Gait.stop`."""

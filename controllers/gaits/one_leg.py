@@ -6,13 +6,12 @@ from enum import Enum
 import numpy as np
 
 from controllers.gaits.contact_detection import SupportSensor
-from controllers.gaits.foot_state import Feet
+from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footsteps import LEFT
 from controllers.gaits.swing_path import Quintic
 from controllers.motions.hands import quintic
 from controllers.reference import PointReference, WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_positive
-from robots.description import RobotDescription
 from robots.messages import Array, RobotState
 from wbc.wrench import GRAVITY
 
@@ -87,16 +86,16 @@ class OneLeg:
         return_since: when the load began to come back onto both feet [s]; ``None`` before.
     """
 
-    def __init__(self, robot: RobotDescription, tuning: OneLegTuning, state: RobotState, stance: int = LEFT) -> None:
-        """Begin in ``state``, both feet down and at rest; ``stance`` is the foot to stand on, ``LEFT`` or ``RIGHT``."""
+    def __init__(self, kin: BodyKinematics, tuning: OneLegTuning, stance: int = LEFT) -> None:
+        """Begin at the state of ``kin``, both feet down and at rest, to stand on ``stance``, ``LEFT`` or ``RIGHT``."""
         self._tuning = tuning
-        self._feet = feet = Feet(robot, state)
+        self._feet = feet = Feet(kin)
         self._stance, self._free = stance, 1 - stance
         self._soles = feet.places
         self.omega = feet.omega
-        self._sensor = SupportSensor(tuning.touch_share * robot.total_mass * GRAVITY)
+        self._sensor = SupportSensor(tuning.touch_share * kin.robot.total_mass * GRAVITY)
         rest = np.zeros(2)
-        self._com_path = Quintic((feet.kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
+        self._com_path = Quintic((kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
         self._foot_path: Quintic | None = None
         none = np.zeros(3)
         self._late_path = Quintic((none, none, none), np.array([0.0, 0.0, -tuning.late_depth]), tuning.late_time)
@@ -109,10 +108,10 @@ class OneLeg:
         """See :meth:`Gait.stop`."""
         self._stopped = True
 
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
         """See :meth:`Gait.apply`."""
-        self._feet.update(state)
-        self._advance(t, self._touches(t, state))
+        self._feet.update(kin)
+        self._advance(t, self._touches(t, state), kin)
         self._write(reference, t)
 
     # -- measurement
@@ -129,7 +128,7 @@ class OneLeg:
 
     # -- the sequence
 
-    def _advance(self, t: float, touches: bool) -> None:
+    def _advance(self, t: float, touches: bool, kin: BodyKinematics) -> None:
         tuning, elapsed = self._tuning, t - self._since + 1e-9
         if self.phase is Phase.SHIFT:
             if self._stopped:
@@ -145,7 +144,7 @@ class OneLeg:
             if self._stopped or elapsed >= tuning.hold_time:
                 self._move_foot(Phase.LOWER, t)
         elif self.phase is Phase.LOWER and elapsed >= 0.5 * tuning.lower_time and touches:
-            self._land(t)
+            self._land(t, kin)
 
     def _move_foot(self, phase: Phase, t: float) -> None:
         """Begin to lift or lower the foot, from where its path is now."""
@@ -157,10 +156,10 @@ class OneLeg:
         self._foot_path = Quintic(start, target, duration)
         self.phase, self._since, self._foot_since = phase, t, t
 
-    def _land(self, t: float) -> None:
+    def _land(self, t: float, kin: BodyKinematics) -> None:
         """Take the feet as they are; the foot's reference gets there without a jump, which would be one of torques."""
         path = self._foot(t)
-        self._feet.keep()
+        self._feet.latch(kin)
         self._soles = self._feet.places
         self._foot_path, self._foot_since = Quintic(path, self._soles[self._free], LANDING), t
         self._return(t)

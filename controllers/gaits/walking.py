@@ -9,7 +9,7 @@ import numpy as np
 from controllers.balance.dcm_feedback import clip_to_support
 from controllers.balance.dcm_plan import DcmPlan, DcmReference
 from controllers.gaits.contact_detection import SupportSensor
-from controllers.gaits.foot_state import Feet
+from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footsteps import LEFT, RIGHT, FootstepPlanner, VelocityCommand, VelocityFootsteps
 from controllers.gaits.step_adjustment import StepAdjustment
 from controllers.gaits.step_plan import StepPlan
@@ -17,7 +17,6 @@ from controllers.gaits.swing_path import SwingPath
 from controllers.gaits.walking_config import WalkTuning
 from controllers.gaits.walking_reference import WalkingReference
 from controllers.reference import WholeBodyReference
-from robots.description import RobotDescription
 from robots.messages import Array, RobotState
 from wbc.wrench import GRAVITY
 
@@ -50,13 +49,12 @@ class Walking:
         steps: number of touchdowns so far.
     """
 
-    def __init__(
-        self, robot: RobotDescription, tuning: WalkTuning, state: RobotState, planner: FootstepPlanner | None = None
-    ) -> None:
-        """Begin standing in ``state``, both feet down."""
+    def __init__(self, kin: BodyKinematics, tuning: WalkTuning, planner: FootstepPlanner | None = None) -> None:
+        """Begin standing at the state of ``kin``, both feet down; without a ``planner`` steps follow the velocity."""
+        robot = kin.robot
         self._tuning = tuning
-        self._feet = feet = Feet(robot, state)
-        self._reference = WalkingReference(robot, feet)
+        self._feet = feet = Feet(kin)
+        self._reference = WalkingReference(kin, feet)
         self.limits = tuning.limits(feet.width)
         self._timing = tuning.timing
         planner = planner or VelocityFootsteps(self.limits, self._timing)
@@ -75,7 +73,7 @@ class Walking:
         self._double = tuning.double_support
         self._waited, self._goes = 0.0, False
         self._path: SwingPath | None = None
-        self._target = self._nominal = feet.holds[RIGHT]
+        self._target = self._nominal = feet.footholds[RIGHT]
         self._last = False
         self._plan = self._plans.standing(feet.middle)
         self._wanted = feet.middle
@@ -98,10 +96,10 @@ class Walking:
         self._stopped = True
         self._command = VelocityCommand()
 
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
         """See :meth:`controllers.gaits.gait.Gait.apply`."""
-        self._feet.update(state)
-        self._advance(t, self._touching(t, state))
+        self._feet.update(kin)
+        self._advance(t, self._touching(t, state), kin)
         if self.support is Support.SINGLE:
             self._adjust_step(t)
         elapsed, swing = t - self._since, None
@@ -113,7 +111,7 @@ class Walking:
 
     # -- changes of support
 
-    def _advance(self, t: float, touching: Sequence[bool]) -> None:
+    def _advance(self, t: float, touching: Sequence[bool], kin: BodyKinematics) -> None:
         """Go on to the next support when it is time, or when the feet or the DCM say so."""
         elapsed, tuning = t - self._since + 1e-9, self._tuning
         if self.support is Support.STAND:
@@ -126,7 +124,7 @@ class Walking:
             if t - self._since + 1e-9 >= self._double or self._falling(elapsed):
                 self._lift(t)
         elif (elapsed >= 0.5 * self._single and touching[self._swing]) or elapsed >= self._single + tuning.late_limit:
-            self._touch_down(t)
+            self._touch_down(t, kin)
 
     def _start(self, t: float) -> None:
         """From standing into the first double support: the load goes to the first standing foot."""
@@ -136,7 +134,7 @@ class Walking:
 
     def _catch(self, t: float) -> None:
         """From standing into a step that catches the robot: the foot away from which it falls lifts."""
-        left, right = self._feet.holds
+        left, right = self._feet.footholds
         to_left = float((self._feet.dcm - self._feet.middle) @ (left.point - right.point))
         self._swing = RIGHT if to_left > 0 else LEFT
         self._enter_double(t, self._tuning.catch_time, self._feet.dcm)
@@ -150,7 +148,9 @@ class Walking:
         self._heeded = before.towards(self._command, self._tuning.speed_change, self._tuning.turn_change)
         # the foot that lifts stands where the velocity before has left it
         self._ahead = self._timing.single(max(before.foot_speed(width), self._heeded.foot_speed(width)))
-        self._plan = self._plans.from_double(self._feet.holds, self._swing, duration, self._ahead, self._heeded, start)
+        self._plan = self._plans.from_double(
+            self._feet.footholds, self._swing, duration, self._ahead, self._heeded, start
+        )
         self.support, self._since, self._double = Support.DOUBLE, t, duration
         self._waited, self._goes = 0.0, False
 
@@ -169,13 +169,13 @@ class Walking:
         """Whether the DCM's error would move the next foothold by ``wait_shift`` or more."""
         now = self._plan.evaluate(self._double - self._tuning.load_time).position
         lead = self._plan.evaluate(self._double + self._ahead).position
-        stance = self._feet.holds[1 - self._swing]
+        stance = self._feet.footholds[1 - self._swing]
         at_lift = self._plan.evaluate(self._double).position + (self._feet.dcm - now)
         shift = self._adjustment.shift(at_lift, stance, lead, self._ahead)
         return max(abs(s) for s in shift) >= self._tuning.wait_shift
 
     def _lift(self, t: float) -> None:
-        stance, foot, tuning = self._feet.holds[1 - self._swing], self._feet.holds[self._swing], self._tuning
+        stance, foot, tuning = self._feet.footholds[1 - self._swing], self._feet.footholds[self._swing], self._tuning
         self._nominal = self._target = self._plans.next_foothold(stance, self._swing, self._heeded)
         start = np.array([foot.x, foot.y, self._feet.heights[self._swing], foot.yaw])
         self._single = self._ahead
@@ -185,15 +185,15 @@ class Walking:
         self._last = self._closes()
         self.support, self._since = Support.SINGLE, t
 
-    def _touch_down(self, t: float) -> None:
-        self._feet.keep()
+    def _touch_down(self, t: float, kin: BodyKinematics) -> None:
+        self._feet.latch(kin)
         falling = self._falling(t - self._since)
         self._path = None
         self._landed = self._swing
         self._swing = 1 - self._swing
         self.steps += 1
         if self._last and not self._command.walks and not falling:
-            self._plan = self._plans.to_rest(self._feet.holds[self._swing].point, self._feet.middle)
+            self._plan = self._plans.to_rest(self._feet.footholds[self._swing].point, self._feet.middle)
             self._heeded = VelocityCommand()
             self.support, self._since = Support.STAND, t
         else:
@@ -203,17 +203,17 @@ class Walking:
 
     def _plan_single(self) -> DcmPlan:
         """From lift-off on, with the present foothold and landing time."""
-        stance = self._feet.holds[1 - self._swing]
+        stance = self._feet.footholds[1 - self._swing]
         return self._plans.from_lift(stance, self._swing, self._target, self._single, self._heeded)
 
     def _closes(self) -> bool:
         """Whether the robot may stand after this step: it is to stop, and the feet will be side by side."""
-        stance = self._feet.holds[1 - self._swing]
+        stance = self._feet.footholds[1 - self._swing]
         return not self._heeded.walks and self._plans.closed(stance, self._target, self._swing)
 
     def _goal(self) -> Array:
         """Where the swinging foot is to come down, with its yaw near that of its start, (4,)."""
-        yaw = self._feet.holds[self._swing].yaw
+        yaw = self._feet.footholds[self._swing].yaw
         turned = yaw + math.remainder(self._target.yaw - yaw, math.tau)
         height = self._feet.heights[1 - self._swing] - self._tuning.touch_depth
         return np.array([self._target.x, self._target.y, height, turned])
@@ -225,7 +225,7 @@ class Walking:
         if left < tuning.frozen_time or self._path is None:
             return
         shortest = min(left, max(tuning.frozen_time, tuning.shortest_step - elapsed))
-        stance = self._feet.holds[1 - self._swing]
+        stance = self._feet.footholds[1 - self._swing]
         target, time = self._adjustment.adjust(
             self._feet.dcm, stance, self._swing, self._nominal, self._wanted, left, shortest
         )

@@ -5,10 +5,9 @@ import math
 import numpy as np
 
 from controllers.balance.dcm_plan import DcmReference
-from controllers.gaits.foot_state import Feet
+from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footsteps import LEFT, RIGHT
 from controllers.reference import PointReference, WholeBodyReference
-from robots.description import RobotDescription
 from robots.messages import Array
 
 STILL = np.zeros(3)
@@ -25,10 +24,10 @@ class WalkingReference:
     The CoM's reference is that of the pendulum whose DCM is planned; only its height is used for control.
     """
 
-    def __init__(self, robot: RobotDescription, feet: Feet) -> None:
+    def __init__(self, kin: BodyKinematics, feet: Feet) -> None:
         """Base and torso keep the posture against the feet that they have now."""
-        kin, back = feet.kin, _about_z(-_mean_angle(*feet.yaws))
-        self._upright = [back @ kin.frame_placement(kin.frame_id(robot.roles[r]))[0] for r in ("base", "torso")]
+        roles, back = kin.robot.roles, _about_z(-_mean_angle(*feet.yaws))
+        self._upright = [back @ kin.frame_placement(kin.frame_id(roles[r]))[0] for r in ("base", "torso")]
         self._com = kin.com[:2].copy()
         self._time: float | None = None
 
@@ -54,9 +53,9 @@ class WalkingReference:
         reference.dcm, reference.load_limits = dcm, load_limits
         reference.in_contact = np.array([True, True])
         reference.sole_turns = np.zeros((2, 2))
-        yaws = [hold.yaw for hold in feet.holds]
+        yaws = [hold.yaw for hold in feet.footholds]
         for foot in (LEFT, RIGHT):
-            hold, point = feet.holds[foot], reference.soles[foot]
+            hold, point = feet.footholds[foot], reference.soles[foot]
             point.position = np.array([hold.x, hold.y, feet.heights[foot]])
             point.velocity = point.acceleration = STILL
         if swing is not None:

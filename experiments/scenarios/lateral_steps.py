@@ -15,7 +15,7 @@ from experiments.scenarios.options import LateralStepsOptions
 from experiments.scenarios.scenario import Scenario, Series
 from robots.description import RobotDescription
 from robots.errors import DescriptionError
-from robots.messages import RobotState
+from robots.kinematics import Kinematics
 
 FEET = ("left_foot", "right_foot")
 """Collision bodies of the feet, by the names that descriptions give them."""
@@ -62,8 +62,8 @@ def run_lateral_steps(options: LateralStepsOptions, progress: Callable[[float], 
     return run(scenario, options, progress)
 
 
-def _gait(robot: RobotDescription, state: RobotState) -> Gait:
-    return LateralSteps(robot, lateral_step_tuning(robot), walk_tuning(robot), state)
+def _gait(kin: Kinematics) -> Gait:
+    return LateralSteps(kin, lateral_step_tuning(kin.robot), walk_tuning(kin.robot))
 
 
 def feet_figures(robot: RobotDescription, series: Series) -> dict[str, Any]:

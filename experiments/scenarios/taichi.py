@@ -22,7 +22,7 @@ from experiments.scenarios.scenario import Scenario, Series, parse_pushes
 from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
-from robots.messages import Array, RobotState
+from robots.messages import Array
 
 ARM = 0.7473
 """Length of the paper's robot's arm, by :func:`experiments.scenarios.hand_tracking.arm_length` [m]."""
@@ -71,8 +71,8 @@ def run_taichi(options: TaichiOptions, progress: Callable[[float], None] | None 
 
     gaits: list[OneLeg] = []
 
-    def gait(robot: RobotDescription, state: RobotState) -> Gait:
-        gaits.append(OneLeg(robot, tuning, state))
+    def gait(kin: Kinematics) -> Gait:
+        gaits.append(OneLeg(kin, tuning))
         return gaits[-1]
 
     def hands(robot: RobotDescription, reference: WholeBodyReference) -> Motion:

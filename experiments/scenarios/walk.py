@@ -24,7 +24,8 @@ from experiments.scenarios.scenario import MakeEncounter, Scenario, parse_pushes
 from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from robots.messages import Array, RobotState
+from robots.kinematics import Kinematics
+from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 
 FIRST, LAST = 1.0, 3.0
@@ -71,8 +72,8 @@ def walk_scenario(
     """
     tuning, changes = walk_tuning(robot), walking_changes(robot, load_estimate)
 
-    def gait(robot: RobotDescription, state: RobotState) -> CommandedWalk:
-        return CommandedWalk(Walking(robot, tuning, state), command)
+    def gait(kin: Kinematics) -> CommandedWalk:
+        return CommandedWalk(Walking(kin, tuning), command)
 
     def figures(robot: RobotDescription, series: dict[str, Array]) -> dict[str, Any]:
         return walk_figures(series, commands_at(command, series["time"]))
@@ -146,8 +147,9 @@ def _always(command: VelocityCommand, t: float) -> VelocityCommand:
 
 def _standing(robot: RobotDescription, options: WalkOptions) -> Feet:
     """The feet at the start."""
-    q, nj = standing_configuration(robot, _posture(options.hands)), len(robot.joints)
-    return Feet(robot, RobotState(q, np.zeros(6 + nj), np.zeros(nj), 0.0))
+    kin = Kinematics(robot)
+    kin.update(standing_configuration(robot, _posture(options.hands)), np.zeros(kin.nv))
+    return Feet(kin)
 
 
 def _encounter(options: WalkOptions, robot: RobotDescription) -> MakeEncounter | None:

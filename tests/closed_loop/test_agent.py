@@ -21,6 +21,7 @@ from experiments.running.ground_truth import TrueBarriers
 from experiments.running.loop import ClosedLoop, Observer
 from robots.description import RobotDescription
 from robots.errors import ConfigError
+from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
@@ -91,8 +92,8 @@ def is_upright(plant: MujocoPlant, height: float) -> bool:
 
 
 def walking_agent(robot: RobotDescription) -> Agent:
-    def gait(robot: RobotDescription, state: RobotState) -> CommandedWalk:
-        return CommandedWalk(Walking(robot, walk_tuning(robot), state), lambda t: VelocityCommand(vx=0.2))
+    def gait(kin: Kinematics) -> CommandedWalk:
+        return CommandedWalk(Walking(kin, walk_tuning(robot)), lambda t: VelocityCommand(vx=0.2))
 
     config = controller_config(robot, **walking_changes(robot, load_estimate=True))
     return Agent(robot, config, gait=gait)
@@ -126,8 +127,8 @@ def test_a_hold_in_mid_step_ends_on_both_feet(robot: RobotDescription) -> None:
 
 
 def test_a_hold_on_one_leg_ends_on_both_feet(robot: RobotDescription) -> None:
-    def gait(robot: RobotDescription, state: RobotState) -> OneLeg:
-        return OneLeg(robot, from_table(OneLegTuning, robot, "taichi"), state)
+    def gait(kin: Kinematics) -> OneLeg:
+        return OneLeg(kin, from_table(OneLegTuning, robot, "taichi"))
 
     plant = standing_plant(robot)
     agent = Agent(robot, gait=gait)
@@ -345,14 +346,14 @@ def test_a_gait_may_be_any(robot: RobotDescription) -> None:
     class Still:
         stopped = 0
 
-        def apply(self, reference: WholeBodyReference, t: float, state: RobotState) -> None:
+        def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: Kinematics) -> None:
             reference.turn_rate = 0.0
 
         def stop(self) -> None:
             self.stopped += 1
 
     still = Still()
-    make: MakeGait = lambda robot, state: still  # noqa: E731
+    make: MakeGait = lambda kin: still  # noqa: E731
     plant, agent = standing_plant(robot), Agent(robot, gait=make)
     loop = ClosedLoop(plant, agent, steps=2)
     loop.run(0.1)

@@ -189,22 +189,22 @@ def test_velocities_that_together_ask_for_longer_steps_than_there_are_are_refuse
     assert 50 < kept < 190
 
 
-def standing(name: str = "g1") -> tuple[Walking, WholeBodyReference, RobotState]:
+def standing(name: str = "g1") -> tuple[Walking, WholeBodyReference, RobotState, Kinematics]:
     robot = load_robot(name)
     kin = Kinematics(robot)
     q = standing_configuration(robot, "hands_front")
     kin.update(q, np.zeros(kin.nv))
     state = RobotState(q, np.zeros(kin.nv), np.zeros(kin.nv - 6), 0.0)
-    return Walking(robot, walk_tuning(robot), state), reference_here(kin, with_hands=True), state
+    return Walking(kin, walk_tuning(robot)), reference_here(kin, with_hands=True), state, kin
 
 
 def test_a_commanded_walk_heeds_its_commands_until_it_is_stopped() -> None:
-    walking, reference, state = standing()
+    walking, reference, state, kin = standing()
     gait = CommandedWalk(walking, lambda t: VelocityCommand(0.1 * t))
-    gait.apply(reference, 2.0, state)
+    gait.apply(reference, 2.0, state, kin)
     assert walking.command == VelocityCommand(0.2)
     gait.stop()
-    gait.apply(reference, 3.0, state)
+    gait.apply(reference, 3.0, state, kin)
     assert walking.command == VelocityCommand()
 
 
@@ -220,7 +220,7 @@ def circling(reference: WholeBodyReference, start: Array, t: float) -> None:
 
 
 def test_carried_hands_keep_their_places_and_move_as_their_rates_say() -> None:
-    _, reference, _ = standing()
+    _, reference, *_ = standing()
     upright, h = reference.base_rotation.copy(), 1e-4
     circling(reference, upright, 0.0)
     hands = CarriedHands(reference)
@@ -244,7 +244,7 @@ def test_carried_hands_keep_their_places_and_move_as_their_rates_say() -> None:
 
 
 def test_carried_hands_begin_where_the_hands_are() -> None:
-    _, reference, _ = standing("tocabi")
+    _, reference, *_ = standing("tocabi")
     assert reference.hands is not None
     before = [hand.position.copy() for hand in reference.hands]
     CarriedHands(reference).apply(reference, 0.0)
@@ -252,7 +252,7 @@ def test_carried_hands_begin_where_the_hands_are() -> None:
 
 
 def test_hands_that_are_no_task_cannot_be_carried() -> None:
-    _, reference, _ = standing()
+    _, reference, *_ = standing()
     reference.hands = None
     with pytest.raises(ConfigError, match="hands"):
         CarriedHands(reference)

@@ -21,10 +21,10 @@ from controllers.gaits.walking_config import walk_tuning
 from controllers.reference import reference_here
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
-from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.pinocchio_model import standing_configuration
+from tests.support.ideal_walk import kinematics_of
 
 APART, STRIDE, WIDTH = 0.1, 0.3, 0.2
 PLANNER = SideSteps(APART, STRIDE, WIDTH)
@@ -42,7 +42,7 @@ def standing(robot: RobotDescription) -> RobotState:
 
 
 def gait_of(robot: RobotDescription) -> LateralSteps:
-    return LateralSteps(robot, lateral_step_tuning(robot), walk_tuning(robot), standing(robot))
+    return LateralSteps(kinematics_of(robot, standing(robot)), lateral_step_tuning(robot), walk_tuning(robot))
 
 
 @given(stances, feet, rates, rates, rates)
@@ -93,18 +93,17 @@ def test_walking_does_not_take_the_footholds_apart(robot: RobotDescription) -> N
 
 def test_steps_to_the_left_then_to_the_right_then_rest(robot: RobotDescription) -> None:
     gait, state, n = gait_of(robot), standing(robot), lateral_step_tuning(robot).steps
-    kin = Kinematics(robot)
-    kin.update(state.q, state.v)
+    kin = kinematics_of(robot, state)
     reference, directions = reference_here(kin, with_hands=False), []
     for done in range(2 * n + 2):
         gait.walking.steps = done
-        gait.apply(reference, 0.0, state)
+        gait.apply(reference, 0.0, state, kin)
         directions.append(np.sign(gait.walking.command.vy))
         assert gait.walking.command.vx == gait.walking.command.wz == 0
     assert directions == [1.0] * n + [-1.0] * n + [0.0, 0.0]
     gait.stop()
     gait.walking.steps = 0
-    gait.apply(reference, 0.0, state)
+    gait.apply(reference, 0.0, state, kin)
     assert not gait.walking.command.walks
 
 
@@ -114,11 +113,10 @@ def test_the_distance_of_the_feet_does_not_depend_on_where_the_robot_stands(robo
     turned[:2] += (2.0, -1.0)
     turned[3:7] = (0.0, 0.0, math.sin(0.6), math.cos(0.6))
     moved = dataclasses.replace(state, q=turned)
-    kin = Kinematics(robot)
-    kin.update(state.q, state.v)
+    kin = kinematics_of(robot, state)
     left, right = (kin.frame_placement(kin.frame_id(robot.roles[r]))[1] for r in ("left_sole", "right_sole"))
-    assert Feet(robot, state).width == pytest.approx(np.linalg.norm(left - right), abs=1e-9)
-    assert Feet(robot, moved).width == pytest.approx(Feet(robot, state).width, abs=1e-9)
+    assert Feet(kin).width == pytest.approx(np.linalg.norm(left - right), abs=1e-9)
+    assert Feet(kinematics_of(robot, moved)).width == pytest.approx(Feet(kin).width, abs=1e-9)
 
 
 @pytest.mark.parametrize(

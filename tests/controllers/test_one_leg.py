@@ -37,7 +37,7 @@ class Drive:
         self.start = self.kin.com.copy()
         self.reference = reference_here(self.kin, with_hands=True)
         self.soles = [point.position.copy() for point in self.reference.soles]
-        self.gait = OneLeg(robot, tuning, self.state(np.zeros(3), None), stance)
+        self.gait = OneLeg(self.kin, tuning, stance)
         self.free = 1 - stance
         self.t = 0.0
 
@@ -59,8 +59,12 @@ class Drive:
         shift[2] = 0.0
         if error is not None:
             shift = shift + error
-        self.gait.apply(self.reference, self.t, self.state(shift, (forces or self.loaded)(self.gait, self.t)))
+        self.apply(self.state(shift, (forces or self.loaded)(self.gait, self.t)))
         self.t += DT
+
+    def apply(self, state: RobotState) -> None:
+        self.kin.update(state.q, state.v)
+        self.gait.apply(self.reference, self.t, state, self.kin)
 
     def until(self, phase: Phase, limit: float = 10.0, forces: Forces | None = None) -> None:
         while self.gait.phase is not phase:
@@ -161,7 +165,7 @@ def test_speed_counts_for_the_dcm(robot: RobotDescription) -> None:
         shift = fast.reference.com.position - fast.start
         state = fast.state(np.array([*shift[:2], 0.0]), fast.loaded(fast.gait, fast.t))
         state.v[1] = 2 * TUNING.ready_error * fast.gait.omega
-        fast.gait.apply(fast.reference, fast.t, state)
+        fast.apply(state)
         fast.t += DT
     assert fast.gait.phase is Phase.SHIFT
 

@@ -1,11 +1,19 @@
 """Touching feet and the robot's weight, from measured forces."""
 
+from contextlib import suppress
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from controllers.gaits.contact_detection import SupportSensor
+from controllers.reference import reference_here
+from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, LoadEstimator
+from controllers.whole_body.robot_config import controller_config
+from robots.description import RobotDescription
 from robots.errors import ConfigError
+from tests.support.ideal_walk import at_rest
 from wbc.wrench import GRAVITY
 
 
@@ -44,3 +52,20 @@ def test_settings_are_checked() -> None:
         LoadEstimator(30.0, float("nan"))
     with pytest.raises(ConfigError, match="threshold"):
         SupportSensor(-1.0)
+
+
+def test_the_load_estimate_survives_forces_that_are_not_numbers(robot: RobotDescription) -> None:
+    config = controller_config(robot)
+    balance = replace(config.balance, load_time=1.0)
+    controller = WholeBodyController(robot, replace(config, balance=balance), with_hands=False)
+    state = at_rest(robot)
+    controller.reset(state)
+    reference = reference_here(controller.kin, with_hands=False)
+    good, bad = (replace(state, foot_forces=np.array([force, 300.0])) for force in (300.0, np.nan))
+    # a state that is refused leaves nothing behind either
+    with suppress(ValueError):
+        controller.tick(bad, reference)
+    result = controller.tick(good, reference)
+    assert np.isfinite(result.command.tau).all()
+    assert controller.load is not None
+    assert 0.6 <= controller.load.scale <= 1.6

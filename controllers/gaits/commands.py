@@ -1,25 +1,67 @@
-"""Velocity commands over time: read from a file, or any function of time, and the gait that heeds them.
+"""Velocity commands, and commands over time: read from a file, or any function of time.
 
 The command of :class:`controllers.gaits.walking.Walking` may be set at any time, from wherever it comes::
 
     walking = Walking(kin, walk_tuning(kin.robot))
     ...
-    walking.command = VelocityCommand(vx=0.2, wz=0.1)  # before any tick; heeded from the next step on
+    walking.command = VelocityCommand(vx=0.2, wz=0.1)  # before any tick; the next step follows it
     walking.apply(reference, t, state, kin)
 """
 
 import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
-from controllers.gaits.foot_state import BodyKinematics
-from controllers.gaits.footsteps import VelocityCommand
-from controllers.gaits.walking import Walking
-from controllers.reference import WholeBodyReference
-from robots.checks import require_non_negative
+from robots.checks import require_finite, require_non_negative
 from robots.errors import ConfigError
-from robots.messages import RobotState
+
+
+@dataclass(frozen=True, slots=True)
+class VelocityCommand:
+    """How the body is to move, in its own heading.
+
+    Attributes:
+        vx: forward [m/s].
+        vy: to the left [m/s].
+        wz: turning to the left [rad/s].
+        stepping: go on stepping where all three are zero; otherwise the robot then stops with its feet side by side.
+    """
+
+    vx: float = 0.0
+    vy: float = 0.0
+    wz: float = 0.0
+    stepping: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("vx", "vy", "wz"):
+            require_finite(name, getattr(self, name))
+
+    def towards(self, other: "VelocityCommand", speed: float, turn: float) -> "VelocityCommand":
+        """The command that goes from this one to ``other``, by at most ``speed`` [m/s] and ``turn`` [rad/s]."""
+        dx, dy = other.vx - self.vx, other.vy - self.vy
+        size = math.hypot(dx, dy)
+        if size <= speed:
+            vx, vy = other.vx, other.vy
+        else:
+            vx, vy = self.vx + dx * speed / size, self.vy + dy * speed / size
+        wz = min(max(other.wz, self.wz - turn), self.wz + turn)
+        return VelocityCommand(vx, vy, wz, other.stepping)
+
+    def scaled(self, factor: float) -> "VelocityCommand":
+        """All velocities times ``factor``."""
+        return VelocityCommand(factor * self.vx, factor * self.vy, factor * self.wz, self.stepping)
+
+    def foot_speed(self, width: float) -> float:
+        """Largest speed of two places under the body, ``width`` apart, that feet have to keep up with [m/s]."""
+        return math.hypot(self.vx, self.vy) + 0.5 * width * abs(self.wz)
+
+    @property
+    def walks(self) -> bool:
+        """Whether the feet are to move."""
+        return self.stepping or self.vx != 0.0 or self.vy != 0.0 or self.wz != 0.0
+
 
 WORDS = {"stop": VelocityCommand(), "step": VelocityCommand(stepping=True)}
 """Commands with a name."""
@@ -108,28 +150,6 @@ def _parse(words: list[str]) -> tuple[float, VelocityCommand]:
     except ValueError as error:
         raise ConfigError("line", " ".join(words), LINE) from error
     return time, VelocityCommand(vx, vy, wz, stepping=vx == vy == wz == 0.0)
-
-
-class CommandedWalk:
-    """Walking whose command is a function of time: a gait.
-
-    Args:
-        walking: the gait that walks.
-        command: asked at every tick.
-    """
-
-    def __init__(self, walking: Walking, command: CommandProfile) -> None:
-        self.walking = walking
-        self.command = command
-
-    def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
-        """See :meth:`controllers.gaits.gait.Gait.apply`."""
-        self.walking.command = self.command(t)
-        self.walking.apply(reference, t, state, kin)
-
-    def stop(self) -> None:
-        """See :meth:`controllers.gaits.gait.Gait.stop`."""
-        self.walking.stop()
 
 
 def between(command: CommandProfile, start: float, end: float) -> CommandProfile:

@@ -5,7 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
 from robots.description import RobotDescription
 from robots.messages import Array
 from wbc.wrench import GRAVITY

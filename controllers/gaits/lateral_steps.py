@@ -4,10 +4,10 @@ import dataclasses
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.foot_state import BodyKinematics, Feet
-from controllers.gaits.footsteps import LEFT, Foothold, VelocityCommand
-from controllers.gaits.walking import Walking
-from controllers.gaits.walking_config import WalkTuning
+from controllers.gaits.footholds import LEFT, Foothold
+from controllers.gaits.walking import Walking, WalkTuning
 from controllers.reference import WholeBodyReference
 from robots.checks import require_positive
 from robots.description import RobotDescription
@@ -76,7 +76,7 @@ class SideSteps:
         self._apart, self._stride, self._width = apart, stride, width
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
-        """See :meth:`controllers.gaits.footsteps.FootstepPlanner.next_foothold`."""
+        """See :meth:`controllers.gaits.walking.footsteps.FootstepPlanner.next_foothold`."""
         if command.vy == 0:
             distance = self._width
         else:

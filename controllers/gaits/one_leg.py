@@ -7,9 +7,8 @@ import numpy as np
 
 from controllers.gaits.contact_detection import SupportSensor
 from controllers.gaits.foot_state import BodyKinematics, Feet
-from controllers.gaits.footsteps import LEFT
-from controllers.gaits.swing_path import Quintic
-from controllers.motions.hands import quintic
+from controllers.gaits.footholds import LEFT
+from controllers.motions.quintic import Quintic, quintic
 from controllers.reference import PointReference, WholeBodyReference
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.messages import Array, RobotState

@@ -5,6 +5,7 @@ from typing import Protocol
 
 import numpy as np
 
+from controllers.motions.quintic import quintic
 from controllers.reference import PointReference, WholeBodyReference
 from robots.checks import require_positive
 from robots.description import RobotDescription
@@ -21,14 +22,6 @@ class Motion(Protocol):
     def apply(self, reference: WholeBodyReference, t: float) -> None:
         """Set its parts of ``reference`` for time ``t`` [s]."""
         ...
-
-
-def quintic(t: float, duration: float) -> tuple[float, float, float]:
-    """Value, rate [1/s], second rate [1/s^2] of the quintic from 0 to 1 in ``duration`` [s], at rest at both ends."""
-    x = min(max(t / duration, 0.0), 1.0)
-    value = x * x * x * (10 - 15 * x + 6 * x * x)
-    rate = 30 * x * x * (1 - x) * (1 - x) / duration
-    return value, rate, 60 * x * (1 - x) * (1 - 2 * x) / duration**2
 
 
 @dataclass(frozen=True, slots=True)

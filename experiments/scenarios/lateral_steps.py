@@ -8,7 +8,7 @@ import numpy as np
 
 from controllers.gaits.gait import Gait
 from controllers.gaits.lateral_steps import LateralSteps, lateral_step_tuning
-from controllers.gaits.walking_config import walk_tuning, walking_changes
+from controllers.gaits.walking import walk_tuning, walking_changes
 from experiments.recording.recording import RunResult
 from experiments.running.run import check_options, run
 from experiments.scenarios.options import LateralStepsOptions

@@ -8,11 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from controllers.gaits.commands import CommandedWalk, CommandProfile, between, read_script
+from controllers.gaits.commands import CommandProfile, VelocityCommand, between, read_script
 from controllers.gaits.foot_state import Feet
-from controllers.gaits.footsteps import VelocityCommand
-from controllers.gaits.walking import Walking
-from controllers.gaits.walking_config import walk_tuning, walking_changes
+from controllers.gaits.walking import CommandedWalk, Walking, walk_tuning, walking_changes
 from controllers.motions.hands import CarriedHands, Motion
 from controllers.reference import WholeBodyReference
 from experiments.metrics.locomotion import walk_figures

@@ -10,8 +10,8 @@ from pathlib import Path
 
 from rich.console import Console
 
-from controllers.gaits.footsteps import VelocityCommand
-from controllers.gaits.walking_config import walk_tuning
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.walking import walk_tuning
 from experiments.cli.console import results_folder
 from experiments.metrics.metric import Figure
 from experiments.recording.recording import RunResult

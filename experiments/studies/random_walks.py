@@ -11,8 +11,7 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-from controllers.gaits.commands import CommandScript
-from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.commands import CommandScript, VelocityCommand
 from experiments.cli.console import results_folder
 from experiments.metrics.metric import Figure, column
 from experiments.recording.recording import RunResult

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.gaits.walking_config import walk_tuning
+from controllers.gaits.walking import walk_tuning
 from experiments.metrics.metric import Figure
 from experiments.running.pool import Row, row, save
 from experiments.scenarios.options import PlantOptions, WalkOptions

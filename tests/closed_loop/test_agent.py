@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 
 from controllers.agent import Agent, AgentOutput, MakeGait
-from controllers.gaits.commands import CommandedWalk
-from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.one_leg import OneLeg, OneLegTuning
-from controllers.gaits.walking import Walking
-from controllers.gaits.walking_config import walk_tuning, walking_changes
+from controllers.gaits.walking import CommandedWalk, Walking, walk_tuning, walking_changes
 from controllers.motions.hand_targets import HandTargets
 from controllers.motions.hands import HandCircles
 from controllers.perception import Detection

@@ -6,7 +6,7 @@ import functools
 import numpy as np
 import pytest
 
-from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.commands import VelocityCommand
 from experiments.recording.recording import RunResult
 from experiments.running.run import run
 from experiments.scenarios.options import PlantOptions, RunOptions, WalkOptions

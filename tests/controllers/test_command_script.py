@@ -11,10 +11,16 @@ import numpy as np
 import pytest
 
 import experiments
-from controllers.gaits.commands import CommandedWalk, CommandScript, between, read_script
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
-from controllers.gaits.walking import Walking
-from controllers.gaits.walking_config import WalkTuning, walk_tuning, walking_changes
+from controllers.gaits.commands import CommandScript, VelocityCommand, between, read_script
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import (
+    CommandedWalk,
+    VelocityFootsteps,
+    Walking,
+    WalkTuning,
+    walk_tuning,
+    walking_changes,
+)
 from controllers.motions.hands import CarriedHands
 from controllers.reference import PointReference, WholeBodyReference, reference_here
 from controllers.whole_body.robot_config import controller_config

@@ -8,8 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, StepLimits, VelocityCommand, VelocityFootsteps
-from controllers.gaits.step_timing import StepTiming
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import StepLimits, VelocityFootsteps
+from controllers.gaits.walking.timing import StepTiming
 from robots.errors import ConfigError
 
 WIDE = StepLimits(width=0.24, forward=5.0, narrowest=0.01, widest=5.0, turn=3.0)

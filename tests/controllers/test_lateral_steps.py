@@ -9,15 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.foot_state import Feet
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
 from controllers.gaits.lateral_steps import (
     LateralSteps,
     LateralStepTuning,
     SideSteps,
     lateral_step_tuning,
 )
-from controllers.gaits.walking_config import walk_tuning
+from controllers.gaits.walking import walk_tuning
 from controllers.reference import reference_here
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError

@@ -6,7 +6,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from controllers.gaits.footsteps import LEFT, RIGHT
+from controllers.gaits.footholds import LEFT, RIGHT
 from controllers.gaits.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
 from controllers.reference import reference_here
 from controllers.whole_body.config import FilterTuning

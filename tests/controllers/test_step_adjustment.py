@@ -6,8 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from controllers.balance.dcm_plan import DcmPlan, ZmpPhase
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, StepLimits
-from controllers.gaits.step_adjustment import StepAdjustment
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import StepLimits
+from controllers.gaits.walking.adjustment import StepAdjustment
 
 OMEGA, SINGLE, DOUBLE = 3.8, 0.6, 0.2
 LIMITS = StepLimits(width=0.24, forward=0.35, narrowest=0.1, widest=0.45, turn=0.4)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 
 from controllers.balance.dcm_plan import DcmPlan
-from controllers.gaits import step_plan
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand, VelocityFootsteps
-from controllers.gaits.step_plan import CLOSED_DISTANCE, CLOSED_TURN, StepPlan
-from controllers.gaits.walking_config import WalkTuning
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import VelocityFootsteps, WalkTuning
+from controllers.gaits.walking import plan as step_plan
+from controllers.gaits.walking.plan import CLOSED_DISTANCE, CLOSED_TURN, StepPlan
 from robots.errors import ConfigError
 
 OMEGA, WIDTH = 3.8, 0.24

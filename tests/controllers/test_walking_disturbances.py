@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from controllers.gaits.footsteps import LEFT, RIGHT, VelocityCommand
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT
 from controllers.gaits.walking import Support
 from robots.messages import Array
 from tests.support.ideal_walk import DT, IdealWalk, assert_side_by_side, swinging
@@ -41,7 +42,7 @@ def test_the_foot_goes_where_the_push_goes(walk: IdealWalk, push: Array) -> None
     moved = walk.foothold(foot).x - before.x
     assert np.sign(moved) == np.sign(push[0])
     assert abs(moved) > 0.02
-    # and the plan knew of it: made anew at touchdown it goes on where it was, but for the two ticks that this is seen late
+    # and the plan knew of it: made anew at touchdown it goes on where it was, but for the two ticks that this takes
     jump, speed = (np.linalg.norm(np.subtract(*(walk.ticks[i].dcm for i in pair))) for pair in ((-1, -2), (-2, -3)))
     assert jump < 3.0 * speed < 0.25 * abs(moved)
 

@@ -6,7 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from controllers.gaits.footsteps import LEFT, RIGHT, VelocityCommand
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT
 from controllers.gaits.walking import Support
 from tests.support.ideal_walk import DT, IdealWalk, assert_side_by_side, swinging
 

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, VelocityCommand
-from controllers.gaits.walking_config import WalkTuning
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import WalkTuning
 from tests.support.ideal_walk import DT, IdealWalk, swinging
 
 AHEAD = VelocityCommand(vx=0.2)

@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.foot_state import Feet
-from controllers.gaits.footsteps import VelocityCommand
-from controllers.gaits.walking import Walking
-from controllers.gaits.walking_config import walk_tuning
+from controllers.gaits.walking import Walking, walk_tuning
 from controllers.reference import reference_here
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config

@@ -13,7 +13,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rich.console import Console
 
-from controllers.gaits.footsteps import LEFT
+from controllers.gaits.footholds import LEFT
 from experiments.running.pool import Row, RunTask, ending, in_parallel, tick_figures
 from experiments.scenarios.options import LateralStepsOptions, RunOptions, StandOptions, TaichiOptions, WalkOptions
 from experiments.scenarios.registry import experiment_of

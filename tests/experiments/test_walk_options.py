@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 from scipy.integrate import solve_bvp
 
-from controllers.gaits.footsteps import VelocityCommand
+from controllers.gaits.commands import VelocityCommand
 from experiments.metrics.locomotion import (
     achieved_velocity,
     swing_heights,

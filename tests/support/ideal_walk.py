@@ -6,9 +6,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from controllers.gaits.footsteps import LEFT, RIGHT, Foothold, FootstepPlanner
-from controllers.gaits.walking import Support, Walking
-from controllers.gaits.walking_config import WalkTuning, walk_tuning
+from controllers.gaits.footholds import LEFT, RIGHT, Foothold
+from controllers.gaits.walking import FootstepPlanner, Support, Walking, WalkTuning, walk_tuning
 from controllers.reference import WholeBodyReference, reference_here
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics

@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from controllers.gaits.swing_path import PEAK_ACCELERATION, SwingPath
+from controllers.gaits.walking.swing_path import PEAK_ACCELERATION, SwingPath
 from robots.checks import require_positive
 
 

@@ -3,7 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from controllers.gaits.footsteps import Foothold, StepLimits
+from controllers.gaits.footholds import Foothold
+from controllers.gaits.walking.footsteps import StepLimits
 from robots.messages import Array
 
 GRID = tuple(1.0 - i / 8 for i in range(9))

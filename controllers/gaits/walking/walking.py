@@ -8,14 +8,16 @@ import numpy as np
 
 from controllers.balance.dcm_feedback import clip_to_support
 from controllers.balance.dcm_plan import DcmPlan, DcmReference
+from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.contact_detection import SupportSensor
 from controllers.gaits.foot_state import BodyKinematics, Feet
-from controllers.gaits.footsteps import LEFT, RIGHT, FootstepPlanner, VelocityCommand, VelocityFootsteps
-from controllers.gaits.step_adjustment import StepAdjustment
-from controllers.gaits.step_plan import StepPlan
-from controllers.gaits.swing_path import SwingPath
-from controllers.gaits.walking_config import WalkTuning
-from controllers.gaits.walking_reference import WalkingReference
+from controllers.gaits.footholds import LEFT, RIGHT
+from controllers.gaits.walking.adjustment import StepAdjustment
+from controllers.gaits.walking.config import WalkTuning
+from controllers.gaits.walking.footsteps import FootstepPlanner, VelocityFootsteps
+from controllers.gaits.walking.plan import StepPlan
+from controllers.gaits.walking.references import WalkingReference
+from controllers.gaits.walking.swing_path import SwingPath
 from controllers.reference import WholeBodyReference
 from robots.messages import Array, RobotState
 from wbc.wrench import GRAVITY

@@ -3,8 +3,10 @@
 import math
 
 from controllers.balance.dcm_plan import DcmPlan, ZmpPhase, waypoint
-from controllers.gaits.footsteps import Foothold, FootstepPlanner, StepLimits, VelocityCommand
-from controllers.gaits.walking_config import WalkTuning
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import Foothold
+from controllers.gaits.walking.config import WalkTuning
+from controllers.gaits.walking.footsteps import FootstepPlanner, StepLimits
 from robots.errors import ConfigError
 from robots.messages import Array
 

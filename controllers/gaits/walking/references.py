@@ -6,7 +6,7 @@ import numpy as np
 
 from controllers.balance.dcm_plan import DcmReference
 from controllers.gaits.foot_state import BodyKinematics, Feet
-from controllers.gaits.footsteps import LEFT, RIGHT
+from controllers.gaits.footholds import LEFT, RIGHT
 from controllers.reference import PointReference, WholeBodyReference
 from robots.messages import Array
 

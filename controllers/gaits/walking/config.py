@@ -4,8 +4,9 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any
 
-from controllers.gaits.footsteps import StepLimits, VelocityCommand
-from controllers.gaits.step_timing import StepTiming
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.walking.footsteps import StepLimits
+from controllers.gaits.walking.timing import StepTiming
 from controllers.whole_body.robot_config import controller_config, from_table
 from robots.checks import require_between, require_non_negative, require_positive
 from robots.description import RobotDescription

@@ -4,91 +4,11 @@ import math
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-
-from controllers.gaits.step_timing import StepTiming
-from robots.checks import require_finite, require_positive
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.footholds import LEFT, Foothold
+from controllers.gaits.walking.timing import StepTiming
+from robots.checks import require_positive
 from robots.errors import ConfigError
-from robots.messages import Array
-
-LEFT, RIGHT = 0, 1
-"""Feet, in the order of the description's soles."""
-
-
-@dataclass(frozen=True, slots=True)
-class VelocityCommand:
-    """How the body is to move, in its own heading.
-
-    Attributes:
-        vx: forward [m/s].
-        vy: to the left [m/s].
-        wz: turning to the left [rad/s].
-        stepping: go on stepping where all three are zero; otherwise the robot then stops with its feet side by side.
-    """
-
-    vx: float = 0.0
-    vy: float = 0.0
-    wz: float = 0.0
-    stepping: bool = False
-
-    def __post_init__(self) -> None:
-        for name in ("vx", "vy", "wz"):
-            require_finite(name, getattr(self, name))
-
-    def towards(self, other: "VelocityCommand", speed: float, turn: float) -> "VelocityCommand":
-        """The command that goes from this one to ``other``, by at most ``speed`` [m/s] and ``turn`` [rad/s]."""
-        dx, dy = other.vx - self.vx, other.vy - self.vy
-        size = math.hypot(dx, dy)
-        if size <= speed:
-            vx, vy = other.vx, other.vy
-        else:
-            vx, vy = self.vx + dx * speed / size, self.vy + dy * speed / size
-        wz = min(max(other.wz, self.wz - turn), self.wz + turn)
-        return VelocityCommand(vx, vy, wz, other.stepping)
-
-    def scaled(self, factor: float) -> "VelocityCommand":
-        """All velocities times ``factor``."""
-        return VelocityCommand(factor * self.vx, factor * self.vy, factor * self.wz, self.stepping)
-
-    def foot_speed(self, width: float) -> float:
-        """Largest speed of two places under the body, ``width`` apart, that feet have to keep up with [m/s]."""
-        return math.hypot(self.vx, self.vy) + 0.5 * width * abs(self.wz)
-
-    @property
-    def walks(self) -> bool:
-        """Whether the feet are to move."""
-        return self.stepping or self.vx != 0.0 or self.vy != 0.0 or self.wz != 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class Foothold:
-    """A sole on the ground: centre ``x``, ``y`` [m] and direction ``yaw`` [rad] in the world."""
-
-    x: float
-    y: float
-    yaw: float
-
-    @property
-    def point(self) -> Array:
-        """Its centre, shape (2,) [m]."""
-        return np.array([self.x, self.y])
-
-    @property
-    def axes(self) -> Array:
-        """Its forward and left directions as columns, shape (2, 2)."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return np.array([[c, -s], [s, c]])
-
-    def compose(self, x: float, y: float, yaw: float) -> "Foothold":
-        """The foothold at ``x``, ``y``, ``yaw`` as seen from this one."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        return Foothold(self.x + c * x - s * y, self.y + s * x + c * y, self.yaw + yaw)
-
-    def relative(self, other: "Foothold") -> tuple[float, float, float]:
-        """``other`` as seen from this one: x, y [m], yaw in (-pi, pi] [rad]."""
-        c, s = math.cos(self.yaw), math.sin(self.yaw)
-        dx, dy = other.x - self.x, other.y - self.y
-        return c * dx + s * dy, c * dy - s * dx, math.remainder(other.yaw - self.yaw, math.tau)
 
 
 class FootstepPlanner(Protocol):

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from controllers.gaits.swing_path import Quintic, SwingPath
+from controllers.gaits.walking.swing_path import SwingPath
+from controllers.motions.quintic import Quintic
 
 START = np.array([0.1, 0.2, 0.0, 0.3])
 TARGET = np.array([0.4, 0.1, 0.01, 0.5])

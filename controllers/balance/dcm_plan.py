@@ -87,15 +87,24 @@ class DcmPlan:
 
     def evaluate(self, t: float) -> DcmReference:
         """The reference at ``t`` [s] after the start of the first phase."""
-        left, omega = max(t, 0.0), self.omega
+        x, y, vx, vy = self._at(t)
+        return DcmReference(np.array([x, y]), np.array([vx, vy]), self.omega)
+
+    def position(self, t: float) -> tuple[float, float]:
+        """The reference's position at ``t`` [s] after the start of the first phase, x and y [m]."""
+        return self._at(t)[:2]
+
+    def _at(self, t: float) -> tuple[float, float, float, float]:
+        """Position and velocity."""
+        elapsed, omega = max(t, 0.0), self.omega
         for span, ax, ay, sx, sy, grow_x, grow_y in self._pieces:
-            if left < span:
-                growth = math.exp(omega * left)
+            if elapsed < span:
+                growth = math.exp(omega * elapsed)
                 x, y = grow_x * growth, grow_y * growth
-                position = np.array([ax + sx * left + sx / omega + x, ay + sy * left + sy / omega + y])
-                return DcmReference(position, np.array([sx + omega * x, sy + omega * y]), omega)
-            left -= span
-        return DcmReference(np.array(self._rest), np.zeros(2), omega)
+                position = ax + sx * elapsed + sx / omega + x, ay + sy * elapsed + sy / omega + y
+                return *position, sx + omega * x, sy + omega * y
+            elapsed -= span
+        return *self._rest, 0.0, 0.0
 
 
 def waypoint(

@@ -4,10 +4,11 @@ from robots.checks import require_positive
 from robots.messages import Array
 
 TICKS = 2
-"""Ticks in a row that a force has to be above the threshold to count."""
+"""Ticks in a row that a force has to be above the threshold to count: one alone may be noise, or the scrape of a foot
+that is about to leave the ground."""
 
 
-class SupportSensor:
+class ContactDetector:
     """Tells touching feet from vertical forces: above the threshold for two ticks running.
 
     Args:
@@ -17,11 +18,14 @@ class SupportSensor:
     def __init__(self, threshold: float) -> None:
         require_positive("threshold", threshold)
         self._threshold = threshold
-        self._count = [0, 0]
+        self._counts = (0, 0)
 
-    def update(self, forces: Array) -> list[bool]:
-        """Take in the forces (2,) of one tick [N]; returns which feet touch."""
-        self._count = [
-            count + 1 if force > self._threshold else 0 for count, force in zip(self._count, forces, strict=True)
-        ]
-        return [count >= TICKS for count in self._count]
+    def update(self, forces: Array) -> tuple[bool, bool]:
+        """Take in the forces (2,) of one tick [N]; returns which feet touch.
+
+        A force that is no number counts as none.
+        """
+        threshold, (left, right), (a, b) = self._threshold, forces.tolist(), self._counts
+        # written so that NaN, which is above nothing, counts as no contact
+        self._counts = a, b = (a + 1 if left > threshold else 0), (b + 1 if right > threshold else 0)
+        return a >= TICKS, b >= TICKS

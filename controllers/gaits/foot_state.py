@@ -45,7 +45,7 @@ class Feet:
 
     Attributes:
         footholds: of left and right sole: where each was when it was last latched.
-        heights: of both soles there [m].
+        centres: of left and right sole there, (3,) each, world [m]; not to be written to.
         com_height: of the CoM over the soles at the beginning [m].
         omega: :math:`\sqrt{g / z}` of a pendulum of that height [1/s].
         dcm: shape (2,) measured divergent component of motion [m].
@@ -56,24 +56,21 @@ class Feet:
         roles = kin.robot.roles
         self._ids = (kin.frame_id(roles["left_sole"]), kin.frame_id(roles["right_sole"]))
         self.latch(kin)
-        self.com_height = float(kin.com[2]) - 0.5 * sum(self.heights)
+        self.com_height = float(kin.com[2]) - self.height
         self.omega = math.sqrt(GRAVITY / self.com_height)
         self.dcm = kin.com[:2].copy()
 
     def update(self, kin: BodyKinematics) -> None:
         """Take in the kinematics of a tick."""
-        self.dcm = kin.com[:2] + kin.com_velocity[:2] / self.omega
+        # plain floats: numpy's calls would cost more than the sums
+        (x, y, _), (vx, vy, _) = kin.com.tolist(), kin.com_velocity.tolist()
+        self.dcm = np.array([x + vx / self.omega, y + vy / self.omega])
 
     def latch(self, kin: BodyKinematics) -> None:
         """Take where both soles are now for their footholds."""
         left, right = (kin.frame_placement(i) for i in self._ids)
-        self.footholds = [_foothold(*left), _foothold(*right)]
-        self.heights = [float(left[1][2]), float(right[1][2])]
-
-    @property
-    def places(self) -> list[Array]:
-        """Centres of left and right sole where they were last latched, (3,) each, world [m]."""
-        return [np.array([foot.x, foot.y, z]) for foot, z in zip(self.footholds, self.heights, strict=True)]
+        self.footholds = _foothold(*left), _foothold(*right)
+        self.centres = _read_only(left[1].copy()), _read_only(right[1].copy())
 
     @property
     def middle(self) -> Array:
@@ -86,14 +83,19 @@ class Feet:
         return abs(self.footholds[RIGHT].relative(self.footholds[LEFT])[1])
 
     @property
-    def centres(self) -> Array:
-        """Soles' centres, shape (2, 2) [m]."""
-        return np.array([foot.point for foot in self.footholds])
+    def height(self) -> float:
+        """Of the soles, on average [m]."""
+        return 0.5 * (float(self.centres[LEFT][2]) + float(self.centres[RIGHT][2]))
 
     @property
-    def yaws(self) -> Array:
-        """Soles' directions, shape (2,) [rad]."""
-        return np.array([foot.yaw for foot in self.footholds])
+    def yaws(self) -> tuple[float, float]:
+        """Directions of left and right sole [rad]."""
+        return self.footholds[LEFT].yaw, self.footholds[RIGHT].yaw
+
+
+def _read_only(array: Array) -> Array:
+    array.setflags(write=False)
+    return array
 
 
 def _foothold(rotation: Array, position: Array) -> Foothold:

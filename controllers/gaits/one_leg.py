@@ -5,7 +5,7 @@ from enum import Enum
 
 import numpy as np
 
-from controllers.gaits.contact_detection import SupportSensor
+from controllers.gaits.contact_detection import ContactDetector
 from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footholds import LEFT
 from controllers.motions.quintic import Quintic, quintic
@@ -27,7 +27,7 @@ class OneLegTuning:
         hold_time: for which it stays up, 0 or above [s].
         lower_time: in which it comes down, above 0 [s].
         return_time: in which the load comes back onto both feet, above 0 [s].
-        touch_share: share of the weight that counts as touching the ground, above 0, at most 1.
+        touch_fraction: share of the weight that counts as touching the ground, above 0, at most 1.
         late_depth: by which a foot that does not touch in time goes on down at most, 0 or above [m].
         late_time: in which it does so, above 0 [s].
     """
@@ -39,17 +39,17 @@ class OneLegTuning:
     hold_time: float = 10.0
     lower_time: float = 2.0
     return_time: float = 4.0
-    touch_share: float = 0.05
+    touch_fraction: float = 0.05
     late_depth: float = 0.05
     late_time: float = 3.0
 
     def __post_init__(self) -> None:
         positive = ("shift_time", "ready_error", "lift_height", "lift_time", "lower_time", "return_time", "late_time")
-        for name in (*positive, "touch_share"):
+        for name in (*positive, "touch_fraction"):
             require_positive(f"taichi {name}", getattr(self, name))
         for name in ("hold_time", "late_depth"):
             require_non_negative(f"taichi {name}", getattr(self, name))
-        require_between("taichi touch_share", self.touch_share, 0.0, 1.0)
+        require_between("taichi touch_fraction", self.touch_fraction, 0.0, 1.0)
 
 
 LANDING = 0.3
@@ -90,9 +90,9 @@ class OneLeg:
         self._tuning = tuning
         self._feet = feet = Feet(kin)
         self._stance, self._free = stance, 1 - stance
-        self._soles = feet.places
+        self._soles = feet.centres
         self.omega = feet.omega
-        self._sensor = SupportSensor(tuning.touch_share * kin.robot.total_mass * GRAVITY)
+        self._detector = ContactDetector(tuning.touch_fraction * kin.robot.total_mass * GRAVITY)
         rest = np.zeros(2)
         self._com_path = Quintic((kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
         self._foot_path: Quintic | None = None
@@ -118,7 +118,7 @@ class OneLeg:
     def _touches(self, t: float, state: RobotState) -> bool:
         """Whether the free foot is on the ground: by its force, or where that is not measured, by the clock."""
         if state.foot_forces is not None:
-            return self._sensor.update(state.foot_forces)[self._free]
+            return self._detector.update(state.foot_forces)[self._free]
         return t - self._since >= self._tuning.lower_time
 
     def _ready(self) -> bool:
@@ -159,7 +159,7 @@ class OneLeg:
         """Take the feet as they are; the foot's reference gets there without a jump, which would be one of torques."""
         path = self._foot(t)
         self._feet.latch(kin)
-        self._soles = self._feet.places
+        self._soles = self._feet.centres
         self._foot_path, self._foot_since = Quintic(path, self._soles[self._free], LANDING), t
         self._return(t)
 

@@ -7,7 +7,6 @@ from rich.console import Console, Group
 from experiments.reports.terminal_table import TerminalTable
 from robots.errors import ConfigError
 
-
 MORE_LABELS = 2
 """So many columns beyond those of words may be needed to tell rows apart."""
 

@@ -6,22 +6,22 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from controllers.gaits.contact_detection import SupportSensor
+from controllers.gaits.contact_detection import ContactDetector
 from controllers.reference import reference_here
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, LoadEstimator
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from tests.support.states import at_rest
+from tests.support.ideal_walk import at_rest
 from wbc.wrench import GRAVITY
 
 
 def test_a_foot_touches_after_two_ticks_above_the_threshold() -> None:
-    sensor = SupportSensor(20.0)
+    detector = ContactDetector(20.0)
     forces = [[0.0, 300.0], [25.0, 300.0], [0.0, 10.0], [25.0, 300.0], [25.0, 300.0]]
-    found = [sensor.update(np.array(f)) for f in forces]
-    assert found == [[False, False], [False, True], [False, False], [False, False], [True, True]]
+    found = [detector.update(np.array(f)) for f in forces]
+    assert found == [(False, False), (False, True), (False, False), (False, False), (True, True)]
 
 
 def test_the_estimate_goes_to_the_ratio_of_the_weights() -> None:
@@ -51,7 +51,7 @@ def test_settings_are_checked() -> None:
     with pytest.raises(ConfigError, match="time constant"):
         LoadEstimator(30.0, float("nan"))
     with pytest.raises(ConfigError, match="threshold"):
-        SupportSensor(-1.0)
+        ContactDetector(-1.0)
 
 
 def test_the_load_estimate_survives_forces_that_are_not_numbers(robot: RobotDescription) -> None:

@@ -256,7 +256,7 @@ def test_hands_go_there_and_back(robot: RobotDescription) -> None:
         assert_smooth(both[:, i, 0], both[:, i, 1], both[:, i, 2])
 
 
-@pytest.mark.parametrize("name", ["shift_time", "lift_height", "ready_error", "touch_share", "late_time"])
+@pytest.mark.parametrize("name", ["shift_time", "lift_height", "ready_error", "touch_fraction", "late_time"])
 def test_settings_are_checked(name: str) -> None:
     for value in (0.0, -1.0, np.nan):
         with pytest.raises(ConfigError, match=name):

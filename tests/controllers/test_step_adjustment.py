@@ -12,9 +12,9 @@ from controllers.gaits.walking.adjustment import StepAdjustment
 
 OMEGA, SINGLE, DOUBLE = 3.8, 0.6, 0.2
 LIMITS = StepLimits(width=0.24, forward=0.35, narrowest=0.1, widest=0.45, turn=0.4)
-ROOM = np.array([0.05, 0.015])
+ZMP_RANGE = (0.05, 0.015)
 STANCE = Foothold(0.2, -0.1, 0.4)
-ADJUSTMENT = StepAdjustment(LIMITS, OMEGA, ROOM, DOUBLE)
+ADJUSTMENT = StepAdjustment(LIMITS, OMEGA, ZMP_RANGE, DOUBLE)
 LANDING = STANCE.compose(0.16, 0.24, 0.0)
 
 
@@ -27,7 +27,7 @@ def phases(shift: np.ndarray) -> list[ZmpPhase]:
 
 
 PLAN = DcmPlan(phases(np.zeros(2)), OMEGA)
-WANTED = PLAN.evaluate(SINGLE).position
+AT_TOUCHDOWN = PLAN.evaluate(SINGLE).position
 
 
 @settings(max_examples=60, deadline=None)
@@ -35,31 +35,33 @@ WANTED = PLAN.evaluate(SINGLE).position
 def test_the_shifted_plan_is_met_with_a_zmp_in_the_sole(ex: float, ey: float, t: float) -> None:
     """Some constant ZMP within the room takes the DCM to where the plan with shifted footholds has it at landing."""
     dcm = PLAN.evaluate(t).position + STANCE.axes @ [ex, ey]
-    left = SINGLE - t
-    shift = STANCE.axes @ ADJUSTMENT.shift(dcm, STANCE, WANTED, left)
-    growth = np.exp(OMEGA * left)
+    remaining = SINGLE - t
+    shift = STANCE.axes @ ADJUSTMENT.shift(dcm, STANCE, AT_TOUCHDOWN, remaining)
+    growth = np.exp(OMEGA * remaining)
     target = DcmPlan(phases(shift), OMEGA).evaluate(SINGLE).position
     needed = (STANCE.point + (dcm - STANCE.point) * growth - target) / (growth - 1.0) @ STANCE.axes
-    assert (np.abs(needed) <= ROOM + 1e-9).all()
+    assert (np.abs(needed) <= np.array(ZMP_RANGE) + 1e-9).all()
 
 
 @settings(max_examples=60, deadline=None)
 @given(st.floats(-0.1, 0.1), st.floats(-0.1, 0.1), st.floats(0.05, 0.55))
 def test_no_smaller_shift_would_do(ex: float, ey: float, t: float) -> None:
     dcm = PLAN.evaluate(t).position + STANCE.axes @ [ex, ey]
-    left = SINGLE - t
-    shift = np.array(ADJUSTMENT.shift(dcm, STANCE, WANTED, left))
-    growth = np.exp(OMEGA * left)
+    remaining = SINGLE - t
+    shift = np.array(ADJUSTMENT.shift(dcm, STANCE, AT_TOUCHDOWN, remaining))
+    growth = np.exp(OMEGA * remaining)
     target = DcmPlan(phases(STANCE.axes @ (0.99 * shift)), OMEGA).evaluate(SINGLE).position
     needed = (STANCE.point + (dcm - STANCE.point) * growth - target) / (growth - 1.0) @ STANCE.axes
-    assert (np.abs(needed) > ROOM - 1e-12)[np.abs(shift) > 1e-6].all()
+    assert (np.abs(needed) > np.array(ZMP_RANGE) - 1e-12)[np.abs(shift) > 1e-6].all()
 
 
 def test_on_the_plan_nothing_moves() -> None:
     for t in (0.0, 0.2, 0.45):
-        found, left = ADJUSTMENT.adjust(PLAN.evaluate(t).position, STANCE, LEFT, LANDING, WANTED, SINGLE - t, 0.12)
+        found, remaining = ADJUSTMENT.adjust(
+            PLAN.evaluate(t).position, STANCE, LEFT, LANDING, AT_TOUCHDOWN, SINGLE - t, 0.12
+        )
         assert found.point == pytest.approx(LANDING.point, abs=1e-9)
-        assert left == SINGLE - t
+        assert remaining == SINGLE - t
 
 
 @pytest.mark.parametrize("far", [(0.5, 0.24), (0.1, 0.6), (0.1, 0.02)])
@@ -68,8 +70,8 @@ def test_a_foothold_stays_as_planned_as_long_as_nothing_has_to_move(far: tuple[f
     planned = STANCE.compose(*far, 0.6)
     for error, kept in ((0.0, True), (0.002, True), (0.05, False)):
         dcm = PLAN.evaluate(0.2).position + STANCE.axes @ [0.0, error]
-        found, left = ADJUSTMENT.adjust(dcm, STANCE, LEFT, planned, WANTED, SINGLE - 0.2, 0.12)
-        assert (found == planned and left == SINGLE - 0.2) is kept
+        found, remaining = ADJUSTMENT.adjust(dcm, STANCE, LEFT, planned, AT_TOUCHDOWN, SINGLE - 0.2, 0.12)
+        assert (found == planned and remaining == SINGLE - 0.2) is kept
 
 
 @settings(max_examples=60, deadline=None)
@@ -77,18 +79,18 @@ def test_a_foothold_stays_as_planned_as_long_as_nothing_has_to_move(far: tuple[f
 def test_footholds_and_times_stay_in_reach(ex: float, ey: float, t: float, swing: int) -> None:
     side = 1.0 if swing == LEFT else -1.0
     planned = STANCE.compose(0.1, 0.24 * side, 0.0)
-    found, left = ADJUSTMENT.adjust(
-        PLAN.evaluate(t).position + np.array([ex, ey]), STANCE, swing, planned, WANTED, SINGLE - t, 0.12
+    found, remaining = ADJUSTMENT.adjust(
+        PLAN.evaluate(t).position + np.array([ex, ey]), STANCE, swing, planned, AT_TOUCHDOWN, SINGLE - t, 0.12
     )
     x, y, _ = STANCE.relative(found)
     assert abs(x) <= 0.35 + 1e-9
     assert 0.1 - 1e-9 <= side * y <= 0.45 + 1e-9
-    assert 0.12 - 1e-9 <= left <= SINGLE - t + 1e-9
+    assert 0.12 - 1e-9 <= remaining <= SINGLE - t + 1e-9
 
 
 def test_a_push_over_the_standing_foot_is_answered_by_an_earlier_landing() -> None:
-    """The feet cannot cross: time is all that is left."""
+    """The feet cannot cross: time is all that is remaining."""
     dcm = PLAN.evaluate(0.1).position + STANCE.axes @ [0.0, -0.06]
-    found, left = ADJUSTMENT.adjust(dcm, STANCE, LEFT, LANDING, WANTED, 0.5, 0.12)
+    found, remaining = ADJUSTMENT.adjust(dcm, STANCE, LEFT, LANDING, AT_TOUCHDOWN, 0.5, 0.12)
     assert STANCE.relative(found)[1] == pytest.approx(0.1, abs=1e-9)
-    assert left < 0.3
+    assert remaining < 0.3

@@ -39,7 +39,7 @@ def zmps(plan: DcmPlan, times: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("swing", [LEFT, RIGHT])
 def test_the_zmp_goes_from_the_lifting_foot_to_the_standing_one_and_stays(swing: int) -> None:
     feet, double = holds(swing), 0.3
-    plan = PLANS.from_double(feet, swing, double, TUNING.single_support, AHEAD)
+    plan = PLANS.from_double_support(feet, swing, double, TUNING.single_support, AHEAD)
     shares = np.array([0.0, 0.25, 0.5, 1.0])
     expected = feet[swing].point + shares[:, None] * (STANCE.point - feet[swing].point)
     np.testing.assert_allclose(zmps(plan, double * shares), expected, rtol=0, atol=1e-12)
@@ -53,7 +53,7 @@ def test_lift_off_goes_on_where_double_support_ended(swing: int, command: Veloci
     """The same foothold and time: the two plans are one function of time."""
     # the first step may take longer than those after it: it comes from faster walking
     double, single = TUNING.double_support, 1.1 * TUNING.timing.single(command.foot_speed(WIDTH))
-    before = PLANS.from_double(holds(swing), swing, double, single, command)
+    before = PLANS.from_double_support(holds(swing), swing, double, single, command)
     target = PLANNER.next_foothold(STANCE, swing, command)
     after = PLANS.from_lift(STANCE, swing, target, single, command)
     for t in np.linspace(0.0, 2.0, 21):
@@ -64,7 +64,7 @@ def test_lift_off_goes_on_where_double_support_ended(swing: int, command: Veloci
 def test_touchdown_goes_on_where_single_support_ended() -> None:
     """Steady walking: the next plan, one step further ahead, differs by what its end is worth today."""
     before = PLANS.from_lift(STANCE, LEFT, landing := PLANNER.next_foothold(STANCE, LEFT, AHEAD), 0.5, AHEAD)
-    after = PLANS.from_double([landing, STANCE], RIGHT, TUNING.double_support, TUNING.single_support, AHEAD)
+    after = PLANS.from_double_support([landing, STANCE], RIGHT, TUNING.double_support, TUNING.single_support, AHEAD)
     gap = before.evaluate(0.5).position - after.evaluate(0.0).position
     assert np.linalg.norm(gap) < 2e-4
 
@@ -95,7 +95,7 @@ def test_from_standing_neither_dcm_nor_zmp_jumps() -> None:
     """The plan begins with the DCM given, its ZMP there too; and is the usual plan from lift-off on."""
     feet = [side_by_side(STANCE, LEFT), STANCE]
     for start in (0.5 * (feet[0].point + feet[1].point), STANCE.point + np.array([0.03, 0.08])):
-        plan = PLANS.from_double(feet, LEFT, 0.8, TUNING.single_support, AHEAD, start)
+        plan = PLANS.from_double_support(feet, LEFT, 0.8, TUNING.single_support, AHEAD, start)
         first = plan.evaluate(0.0)
         np.testing.assert_allclose(first.position, start, rtol=0, atol=1e-9)
         np.testing.assert_allclose(first.zmp, start, rtol=0, atol=1e-9)
@@ -110,7 +110,7 @@ def test_from_standing_neither_dcm_nor_zmp_jumps() -> None:
 @pytest.mark.parametrize("swing", [LEFT, RIGHT])
 def test_a_plan_to_stop_ends_at_rest_between_closed_feet(swing: int) -> None:
     """From feet a step apart: the swinging foot closes up, and that is the end."""
-    plan = PLANS.from_double(holds(swing), swing, TUNING.double_support, TUNING.single_support, STOP)
+    plan = PLANS.from_double_support(holds(swing), swing, TUNING.double_support, TUNING.single_support, STOP)
     rest = plan.evaluate(60.0)
     np.testing.assert_allclose(rest.velocity, 0.0)
     middle = 0.5 * (STANCE.point + side_by_side(STANCE, swing).point)
@@ -168,7 +168,7 @@ def test_a_foothold_that_is_no_place_is_refused(place: int, value: float) -> Non
     answer = [0.1, WIDTH, 0.0]
     answer[place] = value
     with pytest.raises(ConfigError, match="foothold of the planner"):
-        StepPlan(Scripted(*answer), LIMITS, TUNING, OMEGA).from_double(holds(LEFT), LEFT, 0.2, 0.5, AHEAD)
+        StepPlan(Scripted(*answer), LIMITS, TUNING, OMEGA).from_double_support(holds(LEFT), LEFT, 0.2, 0.5, AHEAD)
 
 
 def test_standing_and_coming_to_rest() -> None:

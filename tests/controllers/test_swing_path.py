@@ -60,7 +60,7 @@ def test_sent_elsewhere_it_goes_on_smoothly_and_arrives(t: float, left: float, s
     swing = path()
     other = TARGET + np.array([1.0, 1.0, 0.0, 1.0]) * np.random.default_rng(seed).uniform(-0.1, 0.1, 4)
     before = swing.evaluate(t)
-    swing.send_to(other, t, left)
+    swing = swing.redirected(other, t, left)
     for found, wanted in zip(swing.evaluate(t), before, strict=True):
         assert found == pytest.approx(wanted, abs=1e-9)
     position, velocity, _ = swing.evaluate(t + left)
@@ -73,6 +73,6 @@ def test_sent_elsewhere_it_goes_on_smoothly_and_arrives(t: float, left: float, s
 
 def test_sent_to_where_it_goes_anyway_nothing_changes() -> None:
     swing, plain = path(), path()
-    swing.send_to(TARGET, 0.2, 0.4)
+    swing = swing.redirected(TARGET, 0.2, 0.4)
     for t in np.linspace(0.2, 0.6, 50):
         assert swing.evaluate(t)[0] == pytest.approx(plain.evaluate(t)[0], abs=1e-9)

@@ -111,7 +111,7 @@ def test_a_foot_waits_to_lift_while_an_error_would_send_it_elsewhere(walk: Ideal
         walk.until_single()
     assert times[0] == pytest.approx(tuning.double_support, abs=2 * DT)
     assert times[1] == pytest.approx(tuning.double_support + tuning.wait_limit, abs=4 * DT)
-    assert times[2] == pytest.approx(0.3 + tuning.load_time, abs=6 * DT)
+    assert times[2] == pytest.approx(0.3 + tuning.load_transfer_time, abs=6 * DT)
 
 
 def test_who_falls_as_the_last_step_lands_makes_another_one(walk: IdealWalk) -> None:

@@ -80,19 +80,19 @@ def test_at_a_constant_command_the_dcm_does_not_jump_at_touchdowns(walk: IdealWa
     assert np.linalg.norm(np.diff(dcm, axis=0), axis=1).max() < 1.0 * DT
 
 
-def test_load_goes_over_in_the_load_time(walk: IdealWalk) -> None:
+def test_load_goes_over_in_the_transfer_time(walk: IdealWalk) -> None:
     """A foot gives up its load before it lifts, and takes it on from nothing after it has landed."""
     walk.walking.command = AHEAD
     walk.run(5.0)
     contact, limits = walk.series("contact"), walk.series("limits")
-    rate = 1.01 * DT / walk.tuning.load_time
+    rate = 1.01 * DT / walk.tuning.load_transfer_time
     for foot in (LEFT, RIGHT):
         change = np.diff(contact[:, foot].astype(int))
         for lift in np.flatnonzero(change < 0):
             assert limits[lift, foot] <= rate
         for land in np.flatnonzero(change > 0) + 1:
             assert limits[land, foot] == 0.0
-            assert limits[land + round(walk.tuning.load_time / DT) + 1, foot] == 1.0
+            assert limits[land + round(walk.tuning.load_transfer_time / DT) + 1, foot] == 1.0
         both = contact[1:].all(axis=1) & contact[:-1].all(axis=1)
         assert np.abs(np.diff(limits[:, foot]))[both].max() <= rate
     assert (limits.sum(axis=1) >= 1.0 - 1e-9).all()
@@ -109,7 +109,7 @@ def test_a_second_start_takes_the_load_over_as_smoothly_as_the_first(walk: Ideal
         walk.run(0.5)
     contact, limits = walk.series("contact"), walk.series("limits")
     both = contact[1:].all(axis=1) & contact[:-1].all(axis=1)
-    assert np.abs(np.diff(limits, axis=0))[both].max() <= 1.01 * DT / walk.tuning.load_time
+    assert np.abs(np.diff(limits, axis=0))[both].max() <= 1.01 * DT / walk.tuning.load_transfer_time
 
 
 def test_a_foot_that_lands_to_stand_takes_on_its_load_smoothly_whatever_came_before(walk: IdealWalk) -> None:

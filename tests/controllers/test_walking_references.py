@@ -13,8 +13,7 @@ from controllers.reference import reference_here
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
-from tests.support.ideal_walk import DT, IdealWalk, kinematics_of
-from tests.support.states import at_rest
+from tests.support.ideal_walk import DT, IdealWalk, at_rest, kinematics_of
 
 AHEAD = VelocityCommand(vx=0.2)
 

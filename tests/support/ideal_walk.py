@@ -13,10 +13,16 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
-from tests.support.states import at_rest
+from robots.pinocchio_model import standing_configuration
 
 DT = 0.002
 """Control period [s]."""
+
+
+def at_rest(robot: RobotDescription) -> RobotState:
+    """The robot standing in its posture, without measured forces."""
+    nj = len(robot.joints)
+    return RobotState(standing_configuration(robot), np.zeros(6 + nj), np.zeros(nj), 0.0)
 
 
 def kinematics_of(robot: RobotDescription, state: RobotState) -> Kinematics:

@@ -3,7 +3,8 @@
 from controllers.gaits.walking.commanded import CommandedWalk
 from controllers.gaits.walking.config import WalkTuning, walk_tuning, walking_changes
 from controllers.gaits.walking.footsteps import FootstepPlanner, StepLimits, VelocityFootsteps
-from controllers.gaits.walking.walking import Support, Walking
+from controllers.gaits.walking.phases import Support
+from controllers.gaits.walking.walking import Walking
 
 __all__ = [
     "CommandedWalk",

@@ -7,10 +7,10 @@ from controllers.gaits.footholds import Foothold
 from controllers.gaits.walking.footsteps import StepLimits
 from robots.messages import Array
 
-GRID = tuple(1.0 - i / 8 for i in range(9))
-"""Times to landing that are tried, from the present one to the shortest."""
+TIME_FRACTIONS = tuple(1.0 - i / 8 for i in range(9))
+"""Times to touchdown that are tried, from the present one (1) to the shortest (0)."""
 
-RELUCTANCE = 0.25
+EARLY_STEP_COST = 0.25
 """What a step that is shorter by a second costs, as metres of footholds out of reach [m/s]."""
 
 
@@ -22,73 +22,92 @@ class StepAdjustment:
 
     .. math:: \xi(T) = r + (\xi - r) e^{\omega T} - \delta (e^{\omega T} - 1)
 
-    in the time T until the other foot lands. If the landing and all footholds after it move by :math:`\Delta`, the DCM
-    that the plan wants there moves by :math:`f \Delta`, :math:`f = (1 - e^{-\omega T_{ds}}) / (\omega T_{ds})`: the ZMP
+    in the time T until the other foot lands. If that foothold and all after it move by :math:`\Delta`, the DCM that the
+    plan has at touchdown moves by :math:`f \Delta`, :math:`f = (1 - e^{-\omega T_{ds}}) / (\omega T_{ds})`: the ZMP
     goes over from the old foot in the time :math:`T_{ds}`. The smallest :math:`|\Delta|` over the sole is taken, axis
-    by axis of the standing foot. Where that is out of reach, earlier landings are tried.
+    by axis of the standing foot. Where that is out of reach, earlier touchdowns are tried.
 
     Attributes:
         limits: of footholds.
         omega: of the pendulum [1/s].
-        room: shape (2,) how far the ZMP may go from the sole's centre, forward and sideways [m].
+        zmp_range: how far the ZMP may go from the sole's centre, forward and sideways [m].
         double_support: T_ds [s].
     """
 
     limits: StepLimits
     omega: float
-    room: Array
+    zmp_range: tuple[float, float]
     double_support: float
 
-    def shift(self, dcm: Array, stance: Foothold, wanted: Array, left: float) -> tuple[float, float]:
+    def shift(
+        self, dcm: Array, stance: Foothold, dcm_at_touchdown: Array, time_to_touchdown: float
+    ) -> tuple[float, float]:
         """Smallest shift of the foothold, forward and to the left in the standing foot's axes [m].
 
         Args:
             dcm: shape (2,) measured [m].
             stance: standing foot.
-            wanted: shape (2,) DCM that the plan has at the landing, with the foothold where it was planned [m].
-            left: T, time until the landing [s].
+            dcm_at_touchdown: shape (2,) in the plan, with the foothold where it was planned [m].
+            time_to_touchdown: T [s].
         """
-        growth = math.exp(self.omega * left)
-        rx, ry = stance.x, stance.y
-        ex = rx + growth * (float(dcm[0]) - rx) - float(wanted[0])
-        ey = ry + growth * (float(dcm[1]) - ry) - float(wanted[1])
+        # plain floats: this is asked in every tick on one foot, and numpy's calls would cost more than the sums
+        (x, y), (planned_x, planned_y), rx, ry = dcm.tolist(), dcm_at_touchdown.tolist(), stance.x, stance.y
+        growth = math.exp(self.omega * time_to_touchdown)
+        ex = rx + growth * (x - rx) - planned_x
+        ey = ry + growth * (y - ry) - planned_y
         c, s = math.cos(stance.yaw), math.sin(stance.yaw)
-        turn = self.omega * self.double_support
-        share = (1.0 - math.exp(-turn)) / turn
-        errors = (c * ex + s * ey, c * ey - s * ex)
-        rooms = ((growth - 1.0) * float(self.room[0]), (growth - 1.0) * float(self.room[1]))
-        x, y = (math.copysign(max(abs(e) - r, 0.0), e) / share for e, r in zip(errors, rooms, strict=True))
-        return x, y
+        transfer = self.omega * self.double_support
+        fraction = (1.0 - math.exp(-transfer)) / transfer
+        forward, sideways = self.zmp_range
+        return (
+            _beyond(c * ex + s * ey, (growth - 1.0) * forward) / fraction,
+            _beyond(c * ey - s * ex, (growth - 1.0) * sideways) / fraction,
+        )
 
     def adjust(
-        self, dcm: Array, stance: Foothold, swing: int, planned: Foothold, wanted: Array, left: float, shortest: float
+        self,
+        dcm: Array,
+        stance: Foothold,
+        swing: int,
+        planned: Foothold,
+        dcm_at_touchdown: Array,
+        time_to_touchdown: float,
+        shortest: float,
     ) -> tuple[Foothold, float]:
-        """Foothold and time until the landing [s]: those planned, as they are, where the ZMP can do it.
+        """Foothold and time to touchdown [s]: those planned, as they are, where the ZMP can do it.
 
         Args:
             dcm: shape (2,) measured [m].
             stance: standing foot.
             swing: the other foot.
             planned: its foothold in the plan.
-            wanted: shape (2,) DCM that the plan has at the landing [m].
-            left: planned time until then [s].
+            dcm_at_touchdown: shape (2,) in the plan [m].
+            time_to_touchdown: planned [s].
             shortest: time that the foot needs at least [s].
         """
-        if self.shift(dcm, stance, wanted, left) == (0.0, 0.0):
-            return planned, left
-        best, best_cost, best_left = planned, math.inf, left
+        # nearly every tick: the plan stays as it is, to the last digit
+        if self.shift(dcm, stance, dcm_at_touchdown, time_to_touchdown) == (0.0, 0.0):
+            return planned, time_to_touchdown
+        best, best_cost, best_time = planned, math.inf, time_to_touchdown
         c, s = math.cos(stance.yaw), math.sin(stance.yaw)
-        for share in GRID:
-            time = shortest + share * (left - shortest)
-            forward, sideways = self.shift(dcm, stance, wanted, time)
+        for fraction in TIME_FRACTIONS:
+            time = shortest + fraction * (time_to_touchdown - shortest)
+            forward, sideways = self.shift(dcm, stance, dcm_at_touchdown, time)
             ideal = Foothold(
                 planned.x + c * forward - s * sideways, planned.y + s * forward + c * sideways, planned.yaw
             )
-            near = self.limits.clamp(stance, ideal, swing)
-            missing = math.hypot(ideal.x - near.x, ideal.y - near.y)
-            cost = missing + RELUCTANCE * (left - time)
+            reached = self.limits.clamp(stance, ideal, swing)
+            missing = math.hypot(ideal.x - reached.x, ideal.y - reached.y)
+            # what is missing grows into the next step's error; what is early costs the leg acceleration
+            cost = missing + EARLY_STEP_COST * (time_to_touchdown - time)
             if cost < best_cost:
-                best, best_cost, best_left = near, cost, time
-            if missing < 1e-9 or left <= shortest:
+                best, best_cost, best_time = reached, cost, time
+            # within reach no earlier time is better, and where there is only one time there is no other
+            if missing < 1e-9 or time_to_touchdown <= shortest:
                 break
-        return best, best_left
+        return best, best_time
+
+
+def _beyond(error: float, reach: float) -> float:
+    """The part of an error that is left when ``reach`` of it is taken back."""
+    return math.copysign(max(abs(error) - reach, 0.0), error)

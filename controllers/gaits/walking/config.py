@@ -28,11 +28,11 @@ class WalkTuning:
         narrowest: smallest distance of the feet, as a share of that in the standing posture, in (0, 1].
         widest: largest, as a share of it, 1 or above.
         turn: largest turn of one foot against the other [rad].
-        load_time: in which a foot takes on and gives up its load, above 0 [s].
+        load_transfer_time: in which a foot takes on and gives up its load, above 0 [s].
         speed_change: largest change of the commanded speed that a step heeds, above 0 [m/s].
         turn_change: largest change of the commanded turning that a step heeds, above 0 [rad/s].
         stop_time: time of the last double support, into standing, above 0 [s].
-        zmp_share: share of the sole that the ZMP may use against a disturbance before the foothold moves, in [0, 1].
+        zmp_fraction: share of the sole that the ZMP may use against a disturbance before the foothold moves, in [0, 1].
         frozen_time: before a landing in which neither its place nor its time change any more, above 0 [s].
         shortest_step: shortest time on one foot, where a disturbance asks for a quick step, above 0 [s].
         catch_error: error of the DCM from which, if it lies outside the feet as well, a step is made at once, above
@@ -40,7 +40,7 @@ class WalkTuning:
         catch_time: time of the double support before a step that catches a robot pushed in standing, above 0 [s].
         wait_limit: longest wait in double support for a disturbance to decay [s].
         wait_shift: shift of the next foothold that a disturbance must not ask for, for the foot to lift, above 0 [m].
-        touch_share: share of the weight that counts as touching the ground, in (0, 1].
+        touch_fraction: share of the weight that counts as touching the ground, in (0, 1].
         late_limit: longest wait for a foot that does not touch in time [s].
         touch_speed: downward speed at which a foot comes to the ground, and goes on down where there is none yet,
             above 0 [m/s].
@@ -62,18 +62,18 @@ class WalkTuning:
     narrowest: float = 0.42
     widest: float = 1.8
     turn: float = 0.4
-    load_time: float = 0.06
+    load_transfer_time: float = 0.06
     speed_change: float = 0.15
     turn_change: float = 0.2
     stop_time: float = 0.4
-    zmp_share: float = 0.7
+    zmp_fraction: float = 0.7
     frozen_time: float = 0.12
     shortest_step: float = 0.25
     catch_error: float = 0.04
     catch_time: float = 0.15
     wait_limit: float = 0.5
     wait_shift: float = 0.1
-    touch_share: float = 0.05
+    touch_fraction: float = 0.05
     late_limit: float = 0.15
     touch_speed: float = 0.1
     touch_depth: float = 0.0
@@ -90,7 +90,7 @@ class WalkTuning:
             "stop_time",
             "speed_change",
             "turn_change",
-            "load_time",
+            "load_transfer_time",
             "frozen_time",
             "shortest_step",
             "catch_time",
@@ -107,13 +107,13 @@ class WalkTuning:
         )
         for name in positive:
             require_positive(f"walking {name}", getattr(self, name))
-        if self.load_time > 0.5 * self.double_support:
+        if self.load_transfer_time > 0.5 * self.double_support:
             allowed = f"at most half of double_support, {self.double_support:g} s"
-            raise ConfigError("walking load_time", self.load_time, allowed)
+            raise ConfigError("walking load_transfer_time", self.load_transfer_time, allowed)
         for name in ("late_limit", "wait_limit", "touch_depth", "gain_scale"):
             require_non_negative(f"walking {name}", getattr(self, name))
-        require_positive("walking touch_share", self.touch_share)
-        for name in ("zmp_share", "touch_share"):
+        require_positive("walking touch_fraction", self.touch_fraction)
+        for name in ("zmp_fraction", "touch_fraction"):
             require_between(f"walking {name}", getattr(self, name), 0.0, 1.0)
         require_between("walking narrowest", self.narrowest, 0.1, 1.0)
         require_between("walking widest", self.widest, 1.0, 5.0)

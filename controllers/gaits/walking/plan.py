@@ -1,6 +1,7 @@
 """From footholds ahead to the plan of ZMP and DCM."""
 
 import math
+from collections.abc import Sequence
 
 from controllers.balance.dcm_plan import DcmPlan, ZmpPhase, waypoint
 from controllers.gaits.commands import VelocityCommand
@@ -56,9 +57,9 @@ class StepPlan:
         """From the moment that ``swing`` lifts, to land at ``target`` after ``single`` [s]."""
         return DcmPlan(self._phases(stance, swing, target, single, command), self._omega)
 
-    def from_double(
+    def from_double_support(
         self,
-        holds: list[Foothold],
+        footholds: Sequence[Foothold],
         swing: int,
         duration: float,
         single: float,
@@ -70,11 +71,11 @@ class StepPlan:
         The ZMP comes from the foot that lifts; or, from standing, from the DCM ``start`` (2,) [m], by way of one more
         point, so that the plan begins with that DCM.
         """
-        stance = holds[1 - swing]
+        stance = footholds[1 - swing]
         target = self.next_foothold(stance, swing, command)
         phases = self._phases(stance, swing, target, single, command)
         if start is None:
-            return DcmPlan([ZmpPhase(holds[swing].point, stance.point, duration), *phases], self._omega)
+            return DcmPlan([ZmpPhase(footholds[swing].point, stance.point, duration), *phases], self._omega)
         at_lift = DcmPlan(phases, self._omega).evaluate(0.0).position
         half = 0.5 * duration
         middle = waypoint(start, start, stance.point, at_lift, (half, half), self._omega)
@@ -82,7 +83,7 @@ class StepPlan:
         return DcmPlan([*shift, *phases], self._omega)
 
     def closed(self, stance: Foothold, foothold: Foothold, foot: int) -> bool:
-        """Whether a step on the spot would leave ``foot`` at ``foothold``."""
+        """Whether the feet are side by side: a step on the spot would leave ``foot`` at ``foothold``, where it is."""
         would = self.next_foothold(stance, foot, VelocityCommand())
         x, y, yaw = foothold.relative(would)
         return math.hypot(x, y) < CLOSED_DISTANCE and abs(yaw) < CLOSED_TURN

@@ -8,28 +8,47 @@ from controllers.balance.dcm_plan import DcmReference
 from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footholds import LEFT, RIGHT
 from controllers.reference import PointReference, WholeBodyReference
-from robots.messages import Array
-
-STILL = np.zeros(3)
-STILL.setflags(write=False)
-"""Velocity and acceleration of what stands [m/s, m/s^2]."""
+from robots.messages import Array, Mask
 
 Swing = tuple[int, Array]
 """Which foot is in the air, and its x, y, height, yaw, their rates, their second rates: shape (3, 4)."""
 
 
-class WalkingReference:
+def _constant(array: np.ndarray) -> np.ndarray:
+    """An array that many ticks hand out: nobody may write to it."""
+    array.setflags(write=False)
+    return array
+
+
+STILL: Array = _constant(np.zeros(3))
+"""Velocity and acceleration of what stands [m/s, m/s^2]."""
+
+NO_TURNS: Array = _constant(np.zeros((2, 2)))
+"""Rates of soles that stand."""
+
+BOTH_FEET: Mask = _constant(np.array([True, True]))
+"""Contact of a robot on both feet."""
+
+ONE_FOOT: tuple[Mask, Mask] = (_constant(np.array([False, True])), _constant(np.array([True, False])))
+"""Contact where the left foot, and where the right foot is in the air."""
+
+
+class WalkingReferences:
     """Writes references: soles where they stand or swing, base and torso upright in the mean heading of the feet.
 
-    The CoM's reference is that of the pendulum whose DCM is planned; only its height is used for control.
+    The CoM's reference is that of the pendulum whose DCM is planned; only its height is used for control. Arrays are
+    made anew where their numbers change and are read-only where several ticks share them, so that they may be kept.
     """
 
     def __init__(self, kin: BodyKinematics, feet: Feet) -> None:
         """Base and torso keep the posture against the feet that they have now."""
         roles, back = kin.robot.roles, _about_z(-_mean_angle(*feet.yaws))
-        self._upright = [back @ kin.frame_placement(kin.frame_id(roles[r]))[0] for r in ("base", "torso")]
-        self._com = kin.com[:2].copy()
+        self._upright = np.array([back @ kin.frame_placement(kin.frame_id(roles[r]))[0] for r in ("base", "torso")])
+        self._com = (float(kin.com[0]), float(kin.com[1]))
         self._time: float | None = None
+        self._soles = (_SharedRotation(), _SharedRotation())
+        self._heading = math.nan
+        self._body = self._upright
 
     def write(
         self,
@@ -48,36 +67,62 @@ class WalkingReference:
             dcm: planned.
             feet: footholds of the feet on the ground.
             swing: the foot in the air.
-            load_limits: shape (2,) largest share of the weight on each foot.
+            load_limits: shape (2,) largest fraction of the weight on each foot.
         """
         reference.dcm, reference.load_limits = dcm, load_limits
-        reference.in_contact = np.array([True, True])
-        reference.sole_turns = np.zeros((2, 2))
-        yaws = [hold.yaw for hold in feet.footholds]
         for foot in (LEFT, RIGHT):
-            hold, point = feet.footholds[foot], reference.soles[foot]
-            point.position = np.array([hold.x, hold.y, feet.heights[foot]])
-            point.velocity = point.acceleration = STILL
-        if swing is not None:
-            foot, path = swing
             point = reference.soles[foot]
-            point.position, point.velocity, point.acceleration = path[:, :3]
-            reference.in_contact[foot] = False
-            yaws[foot], reference.sole_turns[foot] = float(path[0, 3]), path[1:, 3]
-        left, right = yaws
-        reference.sole_rotations = (_about_z(left), _about_z(right))
-        turn = _about_z(_mean_angle(left, right))
-        reference.base_rotation, reference.torso_rotation = turn @ self._upright[0], turn @ self._upright[1]
-        reference.turn_rate = 0.5 * float(reference.sole_turns[:, 0].sum())
-        self._write_com(reference, t, dcm, feet.com_height + 0.5 * sum(feet.heights))
+            point.position, point.velocity, point.acceleration = feet.centres[foot], STILL, STILL
+        yaws = feet.yaws
+        if swing is None:
+            reference.in_contact, reference.sole_turns, reference.turn_rate = BOTH_FEET, NO_TURNS, 0.0
+        else:
+            yaws = self._write_swing(reference, yaws, *swing)
+        reference.sole_rotations = (self._soles[LEFT].at(yaws[LEFT]), self._soles[RIGHT].at(yaws[RIGHT]))
+        reference.base_rotation, reference.torso_rotation = self._turned(_mean_angle(*yaws))
+        self._write_com(reference, t, dcm, feet.com_height + feet.height)
+
+    def _write_swing(
+        self, reference: WholeBodyReference, yaws: tuple[float, float], foot: int, path: Array
+    ) -> tuple[float, float]:
+        """The foot in the air; returns the directions of both, that of ``foot`` replaced."""
+        point = reference.soles[foot]
+        point.position, point.velocity, point.acceleration = path[:, :3]
+        yaw, rate, second_rate = path[:, 3].tolist()
+        turns = np.zeros((2, 2))
+        turns[foot] = rate, second_rate
+        reference.in_contact, reference.sole_turns = ONE_FOOT[foot], turns
+        # base and torso turn with the mean of the feet
+        reference.turn_rate = 0.5 * rate
+        return (yaw, yaws[RIGHT]) if foot == LEFT else (yaws[LEFT], yaw)
+
+    def _turned(self, heading: float) -> Array:
+        """Rotations of base and torso at a heading [rad], (2, 3, 3): the same array for as long as it is the same."""
+        if heading != self._heading:
+            self._heading, self._body = heading, _constant(_about_z(heading) @ self._upright)
+        return self._body
 
     def _write_com(self, reference: WholeBodyReference, t: float, dcm: DcmReference, height: float) -> None:
+        """The CoM that follows the planned DCM, integrated from tick to tick with the DCM of this one."""
         dt = 0.0 if self._time is None else t - self._time
         self._time = t
-        velocity = dcm.omega * (dcm.position - self._com)
-        self._com = dcm.position + (self._com - dcm.position) * math.exp(-dcm.omega * dt)
-        position = np.array([self._com[0], self._com[1], height])
-        reference.com = PointReference(position, np.array([velocity[0], velocity[1], 0.0]))
+        (x, y), (cx, cy), omega = dcm.position.tolist(), self._com, dcm.omega
+        velocity = np.array([omega * (x - cx), omega * (y - cy), 0.0])
+        decay = math.exp(-omega * dt)
+        self._com = cx, cy = x + (cx - x) * decay, y + (cy - y) * decay
+        reference.com = PointReference(np.array([cx, cy, height]), velocity, STILL)
+
+
+class _SharedRotation:
+    """The rotation about the vertical by the last angle asked for: that of a foot that stands, in tick after tick."""
+
+    def __init__(self) -> None:
+        self._yaw, self._rotation = math.nan, _about_z(0.0)
+
+    def at(self, yaw: float) -> Array:
+        if yaw != self._yaw:
+            self._yaw, self._rotation = yaw, _constant(_about_z(yaw))
+        return self._rotation
 
 
 def _mean_angle(a: float, b: float) -> float:
@@ -87,4 +132,4 @@ def _mean_angle(a: float, b: float) -> float:
 
 def _about_z(yaw: float) -> Array:
     c, s = math.cos(yaw), math.sin(yaw)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.array([c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0]).reshape(3, 3)

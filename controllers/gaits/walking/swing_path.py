@@ -1,5 +1,6 @@
 """The path of a swinging foot, which may be sent elsewhere on its way."""
 
+import copy
 import math
 
 import numpy as np
@@ -16,7 +17,7 @@ class SwingPath:
     """Foot from where it is to a foothold: x, y, yaw on one quintic, the height up and down on two.
 
     x, y and yaw arrive at ``ARRIVAL`` of the time, so that the foot comes down straight; and it goes on down at
-    ``touch_speed`` until the ground stops it.
+    ``touch_speed`` until the ground stops it. A path does not change: sent elsewhere, it is another one.
 
     Args:
         start: shape (4,) x, y, height [m] and yaw [rad] at the start, at rest.
@@ -24,6 +25,10 @@ class SwingPath:
         apex: height over the higher of start and target [m], above 0.
         duration: above 0 [s].
         touch_speed: downward speed at the end, 0 or above [m/s].
+
+    Attributes:
+        target: shape (4,) where it ends.
+        duration: when it ends [s].
     """
 
     ARRIVAL = 0.95
@@ -49,26 +54,36 @@ class SwingPath:
     def _at_top(self) -> Array:
         return np.array([[self._top[0]], [0.0], [0.0]])
 
-    def send_to(self, target: Array, t: float, left: float) -> None:
-        """Change target (4,) and arrival at time ``t`` [s]: ``left`` [s] from then, without a jump of acceleration."""
-        now = self._flat.evaluate(t - self._flat_since)
-        early = (1.0 - self.ARRIVAL) * self.duration
-        self._flat = Quintic(now, target[[0, 1, 3]], max(left - early, 0.5 * left))
-        self._flat_since = t
-        if abs(t + left - self.duration) > 1e-9:
-            self._land_at(t, left)
-        self.target = target.copy()
+    def redirected(self, target: Array, t: float, remaining: float) -> "SwingPath":
+        """The path that from time ``t`` [s] on goes to ``target`` (4,) in ``remaining`` [s].
 
-    def _land_at(self, t: float, left: float) -> None:
+        It goes on where this one is then, in position, velocity and acceleration. The height of the ground stays that
+        of the first target.
+        """
+        path = copy.copy(self)
+        early = (1.0 - self.ARRIVAL) * self.duration
+        # close to the end there is no time left to arrive early by: half of what there is must do
+        path._flat = Quintic(
+            self._flat.evaluate(t - self._flat_since), target[[0, 1, 3]], max(remaining - early, 0.5 * remaining)
+        )
+        path._flat_since = t
+        # a foot that lands when it was to land keeps its height's path: made anew it would differ by rounding only
+        if abs(t + remaining - self.duration) > 1e-9:
+            path._land_at(t, remaining)
+        path.target = target.copy()
+        return path
+
+    def _land_at(self, t: float, remaining: float) -> None:
         """New heights: on to the top if there is time for it, and down."""
-        high = self._height(t)
-        top_at = self.RISE * (t + left)
-        if top_at - t > 0.1 * (t + left):
-            self._up, self._up_since, self._top_at = Quintic(high, self._top, top_at - t), t, top_at
-            self._down = Quintic(self._at_top(), self._ground, t + left - top_at, self._touch)
+        here, end = self._height(t), t + remaining
+        top_at = self.RISE * end
+        if top_at - t > 0.1 * end:
+            self._up, self._up_since, self._top_at = Quintic(here, self._top, top_at - t), t, top_at
+            self._down = Quintic(self._at_top(), self._ground, end - top_at, self._touch)
         else:
-            self._down, self._top_at = Quintic(high, self._ground, left, self._touch), t
-        self.duration = t + left
+            # past the top, or so close to it that going there first would take a jerk
+            self._down, self._top_at = Quintic(here, self._ground, remaining, self._touch), t
+        self.duration = end
 
     def _height(self, t: float) -> Array:
         return self._up.evaluate(t - self._up_since) if t < self._top_at else self._down.evaluate(t - self._top_at)

@@ -16,6 +16,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from controllers.whole_body.robot_config import controller_config
+from controllers.whole_body.task_stack import PlacedTask
 from robots.checks import all_finite, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -81,6 +82,7 @@ class Agent:
         settle_time: over which the CoM goes from where the robot stands to over the middle of the feet, without a gait;
             0 for at once [s].
         extra_barriers: see :class:`controllers.whole_body.controller.WholeBodyController`.
+        extra_tasks: likewise.
         clock: monotonic seconds, for the stage times.
 
     Attributes:
@@ -106,12 +108,13 @@ class Agent:
         tracking: "TrackingSettings | None" = None,
         settle_time: float = 1.5,
         extra_barriers: Callable[[Kinematics], Sequence[Barrier]] | None = None,
+        extra_tasks: Callable[[Kinematics], Sequence[PlacedTask]] | None = None,
         clock: Callable[[], float] = time.perf_counter,
     ) -> None:
         require_non_negative("settle_time", settle_time)
         self.robot, self._settle_time = robot, settle_time
         self.controller = WholeBodyController(
-            robot, config or controller_config(robot), with_hands, obstacle_slots, clock, extra_barriers
+            robot, config or controller_config(robot), with_hands, obstacle_slots, clock, extra_barriers, extra_tasks
         )
         self._make_gait, self._make_motions = gait, tuple(motions)
         self._tracking, self._slots = tracking, ObstacleSlots(obstacle_slots)
@@ -252,6 +255,7 @@ class Agent:
         if stopped:
             for hand in reference.hands or ():
                 hand.velocity, hand.acceleration = np.zeros(3), np.zeros(3)
+            reference.hand_turns[:] = 0.0
 
     def _check_hands(self, stamp: float) -> None:
         """A hand sent to no number holds the robot, with both hands where they were sent last."""
@@ -276,7 +280,5 @@ class Agent:
         if self.supervisor.cause is None or self.gait is not None or self.supervisor.fading:
             return self.reference
         if self._frozen is None:
-            self._frozen = copy.deepcopy(self.reference)
-            for point in (self._frozen.com, *self._frozen.soles, *(self._frozen.hands or ())):
-                point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
+            self._frozen = self.reference.at_rest()
         return self._frozen

@@ -1,5 +1,6 @@
 """What the whole body is asked to do at one instant."""
 
+import copy
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -29,6 +30,9 @@ class WholeBodyReference:
         base_rotation: (3, 3) axes of the base.
         torso_rotation: (3, 3) axes of the torso.
         hands: left and right hand, or ``None``: the posture then decides where the arms are.
+        hand_rotations: axes of left and right hand, (3, 3) each, for a controller whose hands are pose tasks; ``None``:
+            none are given.
+        hand_turns: shape (2, 3) angular velocity of each hand [rad/s].
         joints: shape (nj,) posture [rad].
         in_contact: shape (2,) whether each foot is meant to be on the ground.
         sole_turns: shape (2, 2) rate [rad/s] and second rate [rad/s^2] at which each sole turns about the vertical.
@@ -36,6 +40,8 @@ class WholeBodyReference:
         turn_rate: rate at which base and torso turn about the vertical [rad/s].
         dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
             feedback of :mod:`controllers.balance.dcm_feedback`, and ``com`` only gives the height.
+        extra: targets of further tasks by their name, each what the task's ``set_target`` takes; a task that is not
+            named keeps the target it has.
     """
 
     com: PointReference
@@ -46,10 +52,24 @@ class WholeBodyReference:
     hands: tuple[PointReference, PointReference] | None
     joints: Array
     in_contact: Mask
+    hand_rotations: tuple[Array, Array] | None = None
+    hand_turns: Array = field(default_factory=lambda: np.zeros((2, 3)))
     sole_turns: Array = field(default_factory=lambda: np.zeros((2, 2)))
     load_limits: Array = field(default_factory=lambda: np.ones(2))
     turn_rate: float = 0.0
     dcm: DcmReference | None = None
+    extra: dict[str, tuple[Array, ...]] = field(default_factory=dict)
+
+    def at_rest(self) -> "WholeBodyReference":
+        """A copy that stays where this one is: points, hands and turns without velocity and acceleration.
+
+        Targets of further tasks are copied as they are.
+        """
+        frozen = copy.deepcopy(self)
+        for point in (frozen.com, *frozen.soles, *(frozen.hands or ())):
+            point.velocity, point.acceleration = np.zeros(3), np.zeros(3)
+        frozen.hand_turns, frozen.sole_turns, frozen.turn_rate = np.zeros((2, 3)), np.zeros((2, 2)), 0.0
+        return frozen
 
 
 def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:
@@ -63,7 +83,8 @@ def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:
     soles = [kin.frame_placement(i) for i in (left, right)]
     middle = 0.5 * (soles[0][1] + soles[1][1])
     com = np.array([middle[0], middle[1], kin.com[2]])
-    hands = [PointReference(kin.frame_placement(kin.frame_id(roles[r]))[1].copy()) for r in ("left_hand", "right_hand")]
+    held = [kin.frame_placement(kin.frame_id(roles[r])) for r in ("left_hand", "right_hand")]
+    hands = [PointReference(position.copy()) for _, position in held]
     return WholeBodyReference(
         com=PointReference(com),
         soles=(PointReference(soles[0][1].copy()), PointReference(soles[1][1].copy())),
@@ -71,6 +92,7 @@ def reference_here(kin: Kinematics, with_hands: bool) -> WholeBodyReference:
         base_rotation=rotation["base"],
         torso_rotation=rotation["torso"],
         hands=(hands[0], hands[1]) if with_hands else None,
+        hand_rotations=(held[0][0].copy(), held[1][0].copy()) if with_hands else None,
         joints=kin.q[7:].copy(),
         in_contact=np.array([True, True]),
     )

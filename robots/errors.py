@@ -46,6 +46,21 @@ class DescriptionError(SafeWbcError, ValueError):
         return type(self), (self.file, self.entry, self.value, self.allowed)
 
 
+class TargetNotSetError(SafeWbcError, ValueError):
+    """A task was evaluated before it was told where to go.
+
+    Args:
+        task: its name.
+    """
+
+    def __init__(self, task: str) -> None:
+        super().__init__(f"target of task {task!r}: must be set before the task is evaluated, by its set_target")
+        self.task = task
+
+    def __reduce__(self) -> tuple[type, tuple[str]]:
+        return type(self), (self.task,)
+
+
 class UnknownNameError(SafeWbcError, KeyError):
     """A name (robot, frame, joint, filter, experiment) is not among the known ones."""
 

@@ -3,6 +3,7 @@
 import itertools
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -104,24 +105,40 @@ class DynWbc:
         solver: str = "daqp",
         condition_count: int = 0,
     ) -> None:
-        self.weights = weights
         self.frame_ids = [kin.frame_id(c.frame) for c in contacts]
         self._frames = np.array(self.frame_ids)
         self._joints = np.array([kin.frame_joint(i) for i in self.frame_ids])
         self.nj = kin.nv - 6
         self.nf = 6 * len(self.frame_ids)
         self._weight = kin.robot.total_mass * GRAVITY
-        self._condition_count = condition_count
-        effort, feet = kin.robot.joint_array("effort"), range(len(contacts))
-        self._qps = {
-            standing: TorqueQp(standing, contacts, effort, solver, condition_count)
-            for count in range(len(contacts) + 1)
-            for standing in itertools.combinations(feet, count)
-        }
+        self._make = partial(_torque_qps, tuple(contacts), kin.robot.joint_array("effort"), solver)
+        self._prepared = {condition_count: self._make(condition_count)}
+        self.expect_conditions(condition_count)
+        self.set_weights(weights)
+        self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
+
+    @property
+    def weights(self) -> DynWbcWeights:
+        """Weights and gains; see :meth:`set_weights`."""
+        return self._weights
+
+    def set_weights(self, weights: DynWbcWeights) -> None:
+        """Take other weights and gains, from the next problem on; warm starts stay."""
+        self._weights = weights
+        self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(self.frame_ids))
+
+    def prepare_conditions(self, count: int) -> None:
+        """Make ready for ``count`` conditions on the acceleration, which takes some ms; nothing else changes."""
+        if count not in self._prepared:
+            self._prepared[count] = self._make(count)
+
+    def expect_conditions(self, count: int) -> None:
+        """Every problem has ``count`` conditions from the next one on; the last torques stay where they are."""
+        self.prepare_conditions(count)
+        self._condition_count, self._qps = count, self._prepared[count]
+        feet = range(len(self.frame_ids))
         # by the bytes of the mask: a tuple of the feet takes longer to make, and counts towards the next collection
         self._by_contact = {np.isin(feet, standing).tobytes(): qp for standing, qp in self._qps.items()}
-        self._wrench_weight = np.tile([weights.force] * 3 + [weights.moment] * 3, len(contacts))
-        self._last = DynWbcResult(np.zeros(self.nj), np.zeros(kin.nv), np.zeros(self.nf), "failed", 0)
 
     def reset(self, torque: Array) -> None:
         """Start from these torques (nj,) [N m] as tau_prev."""
@@ -254,6 +271,15 @@ class DynWbc:
         wrench[qp.wrenches] = x[self.nj :]
         self._last = DynWbcResult(torque, acceleration, wrench, "optimal", solution.iterations, relaxed)
         return self._last
+
+
+def _torque_qps(
+    contacts: Sequence[SoleContact], effort: Array, solver: str, count: int
+) -> dict[tuple[int, ...], TorqueQp]:
+    """The problems of each set of feet on the ground, with ``count`` conditions on the acceleration."""
+    feet = range(len(contacts))
+    sets = itertools.chain.from_iterable(itertools.combinations(feet, size) for size in range(len(contacts) + 1))
+    return {standing: TorqueQp(standing, contacts, effort, solver, count) for standing in sets}
 
 
 def contact_bias_acceleration(kin: Kinematics, frame_ids: Sequence[int]) -> Array:

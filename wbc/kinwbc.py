@@ -141,29 +141,45 @@ class KinWbc:
         sigma_min: float = 0.03,
         damped_below: Sequence[float] | None = None,
     ) -> None:
-        require_positive("sigma_min", sigma_min)
         self.nv = nv
         self.levels = tuple(tuple(level) for level in levels if level)
-        self.sigma_min = sigma_min
+        self.set_thresholds(sigma_min, damped_below)
         self._block = TaskBlock(nv, self.levels)
-        self._starts = [0, *np.cumsum(self._block.sizes).tolist()]
-        self._thresholds: Array | None = None
+        last = self.levels[-1] if self.levels else ()
+        self._posture = len(last) == 1 and isinstance(last[0], PostureTask) and last[0].nv_base + last[0].rows == nv
+
+    @property
+    def sigma_min(self) -> float:
+        """Cut-off of singular values; see :meth:`set_thresholds`."""
+        return self._sigma_min
+
+    def set_thresholds(self, sigma_min: float, damped_below: Sequence[float] | None) -> None:
+        """Treat small singular values in another way from the next solution on; see :class:`KinWbc`.
+
+        Raises:
+            ConfigError: one is not positive, or there is not one a level; nothing changes.
+        """
+        require_positive("sigma_min", sigma_min)
         if damped_below is not None:
             if len(damped_below) != len(self.levels):
                 raise ConfigError("damped_below", list(damped_below), f"{len(self.levels)} numbers, one a level")
             for threshold in damped_below:
                 require_positive("damped_below", threshold)
-            self._thresholds = np.array(damped_below, dtype=float)
-        last = self.levels[-1] if self.levels else ()
-        self._posture = len(last) == 1 and isinstance(last[0], PostureTask) and last[0].nv_base + last[0].rows == nv
+        self._sigma_min = sigma_min
+        self._thresholds = None if damped_below is None else np.array(damped_below, dtype=float)
 
     def evaluate(self, kin: Kinematics) -> list[Level]:
-        """Jacobian and command of each level, tasks of one level stacked; views that the next call overwrites."""
+        """Jacobian and command of each level, tasks of one level stacked; views that the next call overwrites.
+
+        Raises:
+            TargetNotSetError: the target of a task was never set.
+        """
         return self._block.evaluate(kin)
 
-    def rows(self, first: int, last: int) -> Array:
-        """Jacobian (m, nv) of the levels from ``first`` to before ``last`` as evaluated last, a view."""
-        return self._block.jacobian[self._starts[first] : self._starts[last]]
+    @property
+    def jacobian(self) -> Array:
+        """Jacobian (m, nv) of all levels, highest priority first, as evaluated last; a view."""
+        return self._block.jacobian
 
     def reset(self) -> None:
         """Forget the last evaluation, see :attr:`wbc.tasks.TaskGains.max_change`."""
@@ -172,7 +188,7 @@ class KinWbc:
     def solve(self, levels: Sequence[Level]) -> Array:
         """Desired generalised velocity (nv,) of evaluated levels, all or the highest ones."""
         if self._thresholds is None:
-            return prioritised_velocity(levels, self.nv, self.sigma_min)
+            return prioritised_velocity(levels, self.nv, self._sigma_min)
         # a posture is the last of all levels
         count = len(levels) - (self._posture and len(levels) == len(self.levels))
         posture = levels[-1][1] if count < len(levels) else NO_POSTURE

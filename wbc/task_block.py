@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from robots.errors import ConfigError
+from robots.errors import ConfigError, TargetNotSetError
 from robots.kinematics import Kinematics
 from robots.messages import Array, Indices
 from wbc.task_kernels import evaluate_frames
@@ -17,8 +17,8 @@ Level = tuple[Array, Array]
 class TaskBlock:
     """Rows of all tasks, level after level, in arrays that are made once.
 
-    Tasks about frames keep their references here, their gains are read once, and one compiled pass evaluates them all;
-    others are asked by :meth:`wbc.tasks.Task.evaluate`.
+    Tasks about frames keep their references and gains here, and one compiled pass evaluates them all; others are asked
+    by :meth:`wbc.tasks.Task.evaluate`.
 
     Attributes:
         jacobian: shape (m, nv), overwritten by each evaluation, like ``command``.
@@ -47,6 +47,8 @@ class TaskBlock:
         ]
         self._starts = np.cumsum([0] + [task.rows for task in tasks])[:-1]
         self._tasks = tasks
+        # those not yet known to have a target
+        self._unset: tuple[Task, ...] = tuple(tasks)
         self._others = [
             (self.jacobian[start : start + task.rows], self.command[start : start + task.rows], task)
             for start, task in zip(self._starts, tasks, strict=True)
@@ -55,23 +57,24 @@ class TaskBlock:
         self._frames = [task for task in tasks if isinstance(task, FrameTask)]
         self._references, self._drift = np.zeros((len(self._frames), 24)), np.zeros((len(self._frames), 6))
         self._corrections = np.zeros((len(self._frames), 3))
-        self._gains = np.array([task.gain_row() for task in self._frames]).reshape(-1, 6)
-        for row, frame in zip(self._references, self._frames, strict=True):
-            if frame.references.base is not None:
-                raise ConfigError(
-                    "tasks", type(frame).__name__, "tasks of no other stack: its references are kept there"
-                )
-            row[:] = frame.references
-            frame.references = row
+        self._gains = np.zeros((len(self._frames), 6))
+        for i, frame in enumerate(self._frames):
+            frame.move_into(self._references[i], self._gains[i])
+        self._compensated = [(i, frame) for i, frame in enumerate(self._frames) if frame.compensate_bias]
         self._table: Indices = np.zeros((0, 4), dtype=np.int64)
 
     def evaluate(self, kin: Kinematics) -> list[Level]:
-        """The levels at the current kinematics; views that the next call overwrites."""
+        """The levels at the current kinematics; views that the next call overwrites.
+
+        Raises:
+            TargetNotSetError: the target of a task was never set.
+        """
+        if self._unset:
+            self._require_targets()
         if len(self._table) < len(self._frames):
             self._table = self._make_table(kin)
-        for i, frame in enumerate(self._frames):
-            if frame.without_drift:
-                self._drift[i] = frame.drift(kin)
+        for i, frame in self._compensated:
+            self._drift[i] = frame.bias_acceleration(kin)
         evaluate_frames(
             self._table,
             self._gains,
@@ -87,6 +90,11 @@ class TaskBlock:
         for jacobian, command, task in self._others:
             jacobian[:], command[:] = task.evaluate(kin)
         return self.levels
+
+    def _require_targets(self) -> None:
+        self._unset = tuple(task for task in self._unset if not task.is_set)
+        if self._unset:
+            raise TargetNotSetError(self._unset[0].name)
 
     def _make_table(self, kin: Kinematics) -> Indices:
         placed = [(s, t) for s, t in zip(self._starts, self._tasks, strict=True) if isinstance(t, FrameTask)]

@@ -139,7 +139,7 @@ class NominalPolicy:
         if self.base is not None:
             self.base.goal = np.array([kin.q[0], kin.q[1], math.atan2(kin.q[3], kin.q[2])])
         rest = PostureTask(nj, self.gains.posture, kin.nv_base)
-        rest.joints = np.array(posture, dtype=float)
+        rest.set_target(np.array(posture, dtype=float))
         first = [] if self.base is None else [self.base]
         self._solver = KinWbc(kin.nv, [first, self.points, [rest]])
 

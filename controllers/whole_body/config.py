@@ -1,20 +1,27 @@
 """Settings of the whole-body controller: defaults and checks."""
 
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
 
 from controllers.whole_body.feedforward import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.errors import ConfigError
+from robots.messages import Array
 from safety.barriers.rows import FAMILIES
 from safety.filters.adaptation import AdaptationTuning
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.recovery import RecoverySettings
-from safety.filters.resolutions import INFEASIBLE
-from safety.filters.safety_filter import FILTERS
+from safety.filters.registry import filter_kind
+from safety.filters.settings import INFEASIBLE, MetricWeights
 from wbc.dynwbc import DynWbcWeights
 
 DRIVES = ("simulation", "hardware")
 """What motor commands may go to."""
+
+HAND_TASKS = ("position", "pose")
+"""What of a hand may be a task."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +33,7 @@ class TaskTuning:
         com: centre of mass.
         base: orientation of the base.
         torso: orientation of the torso.
-        hand: position of the hands.
+        hand: position of the hands, and their orientation where it is a task.
         posture: joint positions.
         max_linear: largest correction of a position task [m/s].
         max_angular: largest correction of an orientation or of the posture task [rad/s].
@@ -98,6 +105,8 @@ class FilterTuning:
         recovery_weight: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
             bounds, see :mod:`safety.filters.recovery`.
         recovery_acceleration: largest change of the nominal velocity meanwhile [rad/s^2, m/s^2], above 0.
+        own: parameters of a filter that brings its own, see :class:`safety.filters.filter_kind.FilterKind`: one
+            instance of its dataclass for all families, or instances by family; ``None``: the filter's defaults.
     """
 
     joint_limit: FamilyParameters = _family(10.0, 10.0)
@@ -115,6 +124,7 @@ class FilterTuning:
     base_angular: float = 4.0
     recovery_weight: float = 20.0
     recovery_acceleration: float = 25.0
+    own: Any = None
 
     def __post_init__(self) -> None:
         for name in FAMILIES:
@@ -128,7 +138,16 @@ class FilterTuning:
 
     def parameters(self) -> BarrierParameters:
         """The families' parameters in the form of the conditions."""
-        return BarrierParameters(**{f: getattr(self, f) for f in FAMILIES})
+        return BarrierParameters(own=self.own, **{f: getattr(self, f) for f in FAMILIES})
+
+    def weights(self) -> MetricWeights:
+        """The weights in the form of the filter."""
+        return MetricWeights(self.foot_weight, self.balance_weight, self.hand_weight)
+
+    def velocity_bounds(self, joint_limits: Array) -> Array:
+        """Bounds (6 + nj,) on the size of each velocity, for velocity limits (nj,) of the joints [m/s, rad/s]."""
+        base = [self.base_linear] * 3, [self.base_angular] * 3
+        return np.concatenate([*base, self.velocity_scale * joint_limits])
 
     def recovery(self) -> RecoverySettings | None:
         """How the filter comes back from behind a barrier; ``None`` for no bounds on it."""
@@ -182,7 +201,7 @@ class ControllerConfig:
 
     Attributes:
         dt: control period [s].
-        filter: name of the safety filter.
+        filter: name of the safety filter, as :func:`safety.filters.registry.filter_kind` knows it.
         infeasible: what the filter does where no velocity satisfies its conditions; ``unsafe_pass_nominal`` is for
             comparison with the papers' baselines, in simulation only.
         adaptive: whether epsilon of every row follows the disturbance that reaches it; with the filter ``issf`` only.
@@ -191,8 +210,9 @@ class ControllerConfig:
         torque: what torque the motors are told besides positions and velocities, see
             :data:`controllers.whole_body.feedforward.TORQUE_MODES`; all but ``full`` are for comparison, in simulation
             only.
-        without_drift: whether the acceleration that feet and CoM have by their velocities alone is taken off their
-            commands; the paper's form does not.
+        compensate_bias: whether the acceleration that feet and CoM have by their velocities alone (the bias
+            acceleration) is taken off their commands; the paper's form does not.
+        hand_task: what of the hands is a task, where they are: ``position``, or ``pose``, position and orientation.
         tasks: KinWBC.
         safety: safety filter.
         adaptation: of epsilon, where ``adaptive``.
@@ -209,7 +229,8 @@ class ControllerConfig:
     drives: str = "simulation"
     gain_scale: float = 1.0
     torque: str = "full"
-    without_drift: bool = False
+    compensate_bias: bool = False
+    hand_task: str = "position"
     tasks: TaskTuning = field(default_factory=TaskTuning)
     safety: FilterTuning = field(default_factory=FilterTuning)
     adaptation: AdaptationTuning = field(default_factory=AdaptationTuning)
@@ -221,10 +242,11 @@ class ControllerConfig:
     def __post_init__(self) -> None:
         require_between("control dt", self.dt, 1e-4, 0.02)
         require_non_negative("gain_scale", self.gain_scale)
-        require_one_of("filter", self.filter, FILTERS)
+        filter_kind(self.filter).check(self.safety.parameters())
         require_one_of("infeasible", self.infeasible, INFEASIBLE)
         require_one_of("drives", self.drives, DRIVES)
         require_one_of("torque", self.torque, TORQUE_MODES)
+        require_one_of("hand_task", self.hand_task, HAND_TASKS)
         if self.adaptive and self.filter != "issf":
             raise ConfigError("filter", self.filter, "issf where epsilon is adaptive: no other filter has one")
         if self.drives == "hardware":

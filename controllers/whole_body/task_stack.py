@@ -1,115 +1,142 @@
-"""The tasks of KinWBC in their order of priority, and what a reference sets in them."""
+"""Tasks with a priority, a role and a name, in one solver."""
 
-import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+from itertools import groupby
 
 import numpy as np
 
-from controllers.balance.dcm_feedback import clip_to_support, zmp_command
-from controllers.reference import WholeBodyReference
-from controllers.whole_body.config import ControllerConfig
-from robots.kinematics import Kinematics
-from robots.messages import Array
+from robots.checks import require_finite, require_one_of, require_positive
+from robots.errors import ConfigError, UnknownNameError
+from robots.messages import Array, Indices
 from wbc.kinwbc import KinWbc
-from wbc.task_kernels import ACCELERATION_AT, ANGULAR, POSITION_AT, ROTATION_AT, VELOCITY_AT
-from wbc.tasks import (
-    CenterOfMassTask,
-    FrameOrientationTask,
-    FramePoseTask,
-    FramePositionTask,
-    PostureTask,
-    Task,
-    TaskGains,
-)
+from wbc.tasks import Task
 
-POSITION, ROTATION = slice(POSITION_AT, POSITION_AT + 3), slice(ROTATION_AT, ROTATION_AT + 9)
-LINEAR, ACCELERATION = slice(VELOCITY_AT, VELOCITY_AT + 3), slice(ACCELERATION_AT, ACCELERATION_AT + 3)
-YAW_RATE, YAW_ACCELERATION = VELOCITY_AT + ANGULAR + 2, ACCELERATION_AT + ANGULAR + 2
-"""Places in a frame's references, see :func:`wbc.task_kernels.evaluate_frames`."""
+ROLES = ("feet", "balance", "hands", "other")
+"""What a task is for: the safety filter has a weight for each of the first three, by which it leaves them alone."""
+
+
+class Priority(IntEnum):
+    """Priorities of the tasks that every robot has; lower numbers first, with room between them."""
+
+    FEET = 10
+    COM = 20
+    BASE = 30
+    TORSO = 40
+    HANDS = 50
+    POSTURE = 60
+
+
+@dataclass(frozen=True, slots=True)
+class PlacedTask:
+    """A task and its place.
+
+    Attributes:
+        task: found by its name.
+        role: one of ``ROLES``.
+        priority: lower numbers first; tasks of the same number share a level.
+        damped_below: below which singular values of its level are damped, above 0 [as its rows]; the largest one of a
+            level counts.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+
+    task: Task
+    role: str
+    priority: float
+    damped_below: float = 0.1
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.task, Task):
+            raise ConfigError("placed task", self.task, "a Task")
+        require_one_of(f"role of task {self.task.name}", self.role, ROLES)
+        require_finite(f"priority of task {self.task.name}", self.priority)
+        require_positive(f"damped_below of task {self.task.name}", self.damped_below)
 
 
 class TaskStack:
-    """Soles; CoM; orientation of the base; orientation of the torso; hands, where they are tasks; posture.
+    """Tasks in their levels, given back by name, and their rows by role.
 
-    Attributes:
-        kinwbc: the solver, with the tasks in their levels.
-        with_hands: whether the hands are tasks.
+    Args:
+        nv: size of the velocity.
+        placed: tasks in any order, each name once.
+        sigma_min: cut-off of singular values, where they are cut.
+        damped: whether small singular values are damped, see :mod:`wbc.damped_priorities`, or cut.
+
+    Raises:
+        ConfigError: two tasks have the same name, or a task stands in more than one place.
     """
 
-    def __init__(self, kin: Kinematics, config: ControllerConfig, with_hands: bool, half_sizes: Array) -> None:
-        """For one robot.
+    def __init__(self, nv: int, placed: Sequence[PlacedTask], sigma_min: float, damped: bool) -> None:
+        names = [p.task.name for p in placed]
+        if twice := sorted({name for name in names if names.count(name) > 1}):
+            raise ConfigError("names of tasks", twice, "given to one task each")
+        self._tasks = {p.task.name: p.task for p in placed}
+        ordered = sorted(placed, key=lambda p: p.priority)
+        self._levels = [[p.task for p in level] for _, level in groupby(ordered, key=lambda p: p.priority)]
+        self._damped_below = {p.task.name: p.damped_below for p in placed}
+        self._kinwbc = KinWbc(nv, self._levels, sigma_min, self._thresholds() if damped else None)
+        starts = np.cumsum([0, *(p.task.rows for p in ordered)])
+        place = {p.task.name: np.arange(a, a + p.task.rows) for p, a in zip(ordered, starts[:-1], strict=True)}
+        self._rows = {role: _selection([place[p.task.name] for p in placed if p.role == role]) for role in ROLES}
 
-        Args:
-            kin: kinematics; references are set, and tasks evaluated, at its state.
-            config: gains and the laws they go through.
-            with_hands: whether the hands are tasks.
-            half_sizes: shape (2, 2) half length and half width of each sole that the ZMP may use [m].
-        """
-        self._kin, self._config, self._half_sizes = kin, config, half_sizes.tolist()
-        self.with_hands = with_hands
-        t, roles = config.tasks, kin.robot.roles
-        rate = config.dynwbc.kd + config.dynwbc.kp * config.dt
-        linear = {k: TaskGains(getattr(t, k), t.max_linear, rate) for k in ("foot", "com")}
-        hand = TaskGains(t.hand, t.max_linear, rate, t.hand_acceleration * config.dt)
-        angular = {k: TaskGains(getattr(t, k), t.max_angular, rate) for k in ("base", "torso", "posture")}
-        foot_turn = TaskGains(t.foot, t.max_angular, rate)
-        self._feet = [
-            FramePoseTask(kin.frame_id(roles[r]), linear["foot"], foot_turn) for r in ("left_sole", "right_sole")
-        ]
-        self._com = CenterOfMassTask(linear["com"])
-        self._base = FrameOrientationTask(kin.frame_id(roles["base"]), angular["base"])
-        self._torso = FrameOrientationTask(kin.frame_id(roles["torso"]), angular["torso"])
-        self._hands = [FramePositionTask(kin.frame_id(roles[r]), hand) for r in ("left_hand", "right_hand")]
-        self._posture = PostureTask(len(kin.joint_names), angular["posture"])
-        levels: list[list[Task]] = [[*self._feet], [self._com], [self._base], [self._torso]]
-        damped = [t.damped_foot, t.damped_com, t.damped_turn, t.damped_turn]
-        if with_hands:
-            levels.append([*self._hands])
-            damped.append(t.damped_hand)
-        levels.append([self._posture])
-        for task in (*self._feet, self._com):
-            task.without_drift = config.without_drift
-        thresholds = [*damped, t.damped_turn] if t.singular == "damped" else None
-        self.kinwbc = KinWbc(kin.nv, levels, t.sigma_min, thresholds)
-        # written as they are: every tick sets them all
-        self._foot_rows = [task.references for task in self._feet]
-        self._turn_rows = [task.references for task in (self._base, self._torso)]
-        self._hand_rows = [task.references for task in self._hands]
-
-    def set_references(self, reference: WholeBodyReference) -> None:
-        """Take over what a reference asks for now.
+    def __getitem__(self, name: str) -> Task:
+        """The task of a name.
 
         Raises:
-            ValueError: it gives no hands although they are tasks.
+            UnknownNameError: there is none.
         """
-        for i, row in enumerate(self._foot_rows):
-            point = reference.soles[i]
-            row[POSITION], row[LINEAR], row[ACCELERATION] = point.position, point.velocity, point.acceleration
-            row[ROTATION] = reference.sole_rotations[i].ravel()
-            row[YAW_RATE], row[YAW_ACCELERATION] = reference.sole_turns[i]
-        self._set_com(reference)
-        for row, rotation in zip(self._turn_rows, (reference.base_rotation, reference.torso_rotation), strict=True):
-            row[ROTATION], row[YAW_RATE] = rotation.ravel(), reference.turn_rate
-        self._posture.joints = reference.joints
-        if reference.hands is None and self.with_hands:
-            raise ValueError("the hands are tasks of this controller, but the reference gives none")
-        if reference.hands is not None:
-            for row, point in zip(self._hand_rows, reference.hands, strict=True):
-                row[POSITION], row[LINEAR], row[ACCELERATION] = point.position, point.velocity, point.acceleration
+        if name not in self._tasks:
+            raise UnknownNameError("task", name, list(self._tasks))
+        return self._tasks[name]
 
-    def _set_com(self, reference: WholeBodyReference) -> None:
-        """The CoM's task: its own reference, or horizontally what the feedback of the DCM asks for."""
-        point, dcm, task = reference.com, reference.dcm, self._com
-        task.position, task.velocity, task.acceleration = point.position, point.velocity, point.acceleration
-        if dcm is None:
-            return
-        kin, gains = self._kin, self._config.dynwbc
-        zmp = zmp_command(kin.com[:2] + kin.com_velocity[:2] / dcm.omega, dcm, self._config.balance.dcm_gain)
-        centres = [p.position[:2].tolist() for p in reference.soles]
-        yaws = [math.atan2(r[1, 0], r[0, 0]) for r in reference.sole_rotations]
-        zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
-        (x, y, _), (vx, vy, _), squared = kin.com.tolist(), kin.com_velocity.tolist(), dcm.omega**2
-        # eq. (15) turns this velocity into exactly the acceleration of the pendulum
-        share = gains.kd / (gains.kd + gains.kp * self._config.dt)
-        task.position = np.array([x, y, point.position[2]])
-        task.velocity = np.array([share * vx, share * vy, point.velocity[2]])
-        task.acceleration = np.array([squared * (x - zmp[0]), squared * (y - zmp[1]), point.acceleration[2]])
+    def __contains__(self, name: object) -> bool:
+        """Whether there is a task of this name."""
+        return name in self._tasks
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all tasks."""
+        return tuple(self._tasks)
+
+    @property
+    def kinwbc(self) -> KinWbc:
+        """The solver, with the tasks in their levels."""
+        return self._kinwbc
+
+    def rows(self, role: str) -> Array | None:
+        """Jacobians (k, nv) of a role's tasks, as evaluated last, in the order they were given; ``None`` for none.
+
+        A view where they stand one below the other.
+        """
+        selection = self._rows[role]
+        return None if selection is None else self._kinwbc.jacobian[selection]
+
+    def set_singular(self, sigma_min: float, damped: bool, damped_below: Mapping[str, float]) -> None:
+        """Treat small singular values in another way.
+
+        Args:
+            sigma_min: cut-off, where they are cut.
+            damped: whether they are damped.
+            damped_below: other thresholds, by name of the task.
+
+        Raises:
+            ConfigError: a number is not above 0.
+        """
+        self._damped_below |= damped_below
+        self._kinwbc.set_thresholds(sigma_min, self._thresholds() if damped else None)
+
+    def _thresholds(self) -> list[float]:
+        return [max(self._damped_below[task.name] for task in level) for level in self._levels]
+
+
+def _selection(places: Sequence[Indices]) -> slice | Indices | None:
+    """Rows at these places: a slice where they follow each other, so that reading them copies nothing."""
+    if not places:
+        return None
+    rows = np.concatenate(places)
+    if (np.diff(rows) == 1).all():
+        return slice(int(rows[0]), int(rows[-1]) + 1)
+    return rows

@@ -143,7 +143,7 @@ def replay(problem: Problem, moments: Sequence[Moment], name: str) -> tuple[Arra
         Times (ticks, len(STAGES)) [s], and the results.
     """
     safety_filter = problem.filter(name)
-    second_order = safety_filter.order == 2
+    second_order = safety_filter.settings.order == 2
     times = np.zeros((len(moments), len(STAGES)))
     results = []
     for i, moment in enumerate(moments):
@@ -170,7 +170,7 @@ class Verdict:
         self.statuses = dict.fromkeys((status.name.lower() for status in FilterStatus), 0)
         self.ticks = self.failures = self.violations = self.infeasible = 0
         self._bound = bound
-        self._promises = KINDS[name].resolution in PROMISING
+        self._promises = KINDS[name].resolution.name in PROMISING
 
     def add(self, result: FilterResult, spaces: HalfSpaces | None, can_hold: bool) -> None:
         """Count one answer, given its conditions (``None``: no filter, nothing is promised)."""

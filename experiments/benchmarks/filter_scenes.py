@@ -17,7 +17,7 @@ from safety.barriers.barrier_set import (
 )
 from safety.barriers.rows import BarrierRows, HalfSpaces
 from safety.filters.conditions import BarrierParameters, FamilyParameters, RowParameters
-from safety.filters.safety_filter import KINDS, SafetyFilter
+from safety.filters.safety_filter import KINDS, FilterSettings, SafetyFilter
 from safety.filters.second_order import ecbf
 from safety.geometry.shapes import Obstacle
 
@@ -123,7 +123,9 @@ class Problem:
 
     def filter(self, name: str) -> SafetyFilter:
         """A new filter."""
-        return SafetyFilter(name, self.n_rows, self.parameters, self.bound(name), order=order_of(name))
+        return SafetyFilter(
+            name, self.n_rows, self.parameters, self.bound(name), settings=FilterSettings(order=order_of(name))
+        )
 
     def conditions(self, name: str, rows: BarrierRows, v: Array) -> HalfSpaces | None:
         """What the filter ``name`` demands; ``v`` (nv,) is the velocity now. ``None`` where it demands nothing."""

@@ -27,7 +27,15 @@ from robots.messages import Array
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, SelfCollisionBarrier
 from safety.barriers.rows import BarrierRows
 from safety.filters.conditions import SET_MARGINS, BarrierParameters, FamilyParameters, ssa
-from safety.filters.safety_filter import KINDS, RELAXED, FilterResult, FilterStatus, SafetyFilter, explain
+from safety.filters.safety_filter import (
+    KINDS,
+    RELAXED,
+    FilterResult,
+    FilterSettings,
+    FilterStatus,
+    SafetyFilter,
+    explain,
+)
 from sims.kinematic import KinematicPlant
 
 DT = 0.01
@@ -40,9 +48,6 @@ VARIANTS = (NAIVE, *(name for name, kind in KINDS.items() if 1 in kind.orders))
 
 Conflict = tuple[float, FilterResult]
 """Time [s], and what a filter answered then."""
-
-JOINT = ("qp", "slack_qp", "two_phase")
-"""Resolutions that look at all conditions together; the others are judged by SSA's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,7 +119,7 @@ class CorridorLoop:
         chosen, action = ("ssa", "unsafe_pass_nominal") if name == NAIVE else (name, "least_slack")
         self.kind = KINDS[chosen]
         n = self.barriers.size
-        self.filter = SafetyFilter(chosen, n, parameters, limits, infeasible=action)
+        self.filter = SafetyFilter(chosen, n, parameters, limits, settings=FilterSettings(infeasible=action))
         # asked every tick whether SSA's conditions can be met, and what the least violation is
         self._probe = SafetyFilter("ssa", n, parameters, limits)
         self._rows = parameters.of_rows(self.barriers.evaluate(self.kin).family, SET_MARGINS)
@@ -134,7 +139,7 @@ class CorridorLoop:
         result = self.filter.apply(rows, v_des)
         spent = time.perf_counter() - began
         least = self._probe.apply(rows, v_des)
-        of_ssa = self.kind.condition is ssa or self.kind.resolution not in JOINT
+        of_ssa = self.kind.condition is ssa or not self.kind.joint
         infeasible = (least if of_ssa else result).status == FilterStatus.RELAXED
         violations = self._violations(rows, result)
         if infeasible:
@@ -177,7 +182,7 @@ class CorridorLoop:
 
     def _violations(self, rows: BarrierRows, result: FilterResult) -> Array:
         """Amounts by which conditions are violated [m/s]: SSA's, where a filter has none of its own for all rows."""
-        if self.kind.resolution in JOINT:
+        if self.kind.joint:
             return result.shortfall
         spaces = ssa(rows, self._rows)
         gap = (spaces.b - spaces.A @ result.v)[spaces.active]
@@ -201,7 +206,7 @@ class CorridorLoop:
             advance(duration)
         series = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}
         explanation = self.explanation()
-        head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.infeasible}
+        head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.settings.infeasible}
         summary = head | summarise(series, self) | {"explanation": explanation}
         return CorridorRun(self.name, variant_title(self.name), summary, series, explanation)
 

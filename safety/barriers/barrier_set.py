@@ -74,6 +74,11 @@ class BarrierSet:
                 raise ConfigError(f"labels of {type(b).__name__}", b.labels(), f"{b.size} names, one for each row")
         self.labels = tuple(label for b in barriers for label in b.labels())
 
+    @property
+    def families(self) -> Indices:
+        """Family of each row, (size,) indices into ``FAMILIES``."""
+        return self._family
+
     def evaluate(self, kin: Kinematics, second_order: bool = False) -> BarrierRows:
         """Rows at the kinematics' configuration; views that the next call overwrites.
 

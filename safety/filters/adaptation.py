@@ -75,6 +75,10 @@ class EpsilonAdapter:
         self._share = -float(np.expm1(-dt / tuning.time))
         self.reset()
 
+    def set_parameters(self, parameters: BarrierParameters) -> None:
+        """Take other parameters of the conditions; what was seen and told stays."""
+        self._most = parameters.values("epsilon")
+
     def reset(self) -> None:
         """Forget what was seen and told."""
         self._told: Array | None = None

@@ -32,8 +32,9 @@ So the margins of SSA, SSS and their kin have to be above :math:`dt\,V`; that is
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
+from typing import Any
 
 import numpy as np
 
@@ -115,7 +116,11 @@ class FamilyParameters:
 
 @dataclass(frozen=True, slots=True)
 class RowParameters:
-    """The parameters of each row, shape (n,) each; see :class:`FamilyParameters`."""
+    """The parameters of each row, shape (n,) each; see :class:`FamilyParameters`.
+
+    Attributes:
+        own: those that a filter registered from outside has besides, shape (n,) each, by name.
+    """
 
     alpha: Array
     epsilon: Array
@@ -131,11 +136,17 @@ class RowParameters:
     recovery_depth: Array
     recovery_speed: Array
     recovery_acceleration: Array
+    own: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
 class BarrierParameters:
-    """Parameters of all families; those not given have the defaults of :class:`FamilyParameters`."""
+    """Parameters of all families; those not given have the defaults of :class:`FamilyParameters`.
+
+    Attributes:
+        own: parameters of a filter that brings its own, see :class:`safety.filters.filter_kind.FilterKind`: one
+            instance of its dataclass for all families, or instances by family; ``None``: the filter's defaults.
+    """
 
     joint_limit: FamilyParameters = FamilyParameters()
     self_collision: FamilyParameters = FamilyParameters()
@@ -143,6 +154,7 @@ class BarrierParameters:
     obstacle: FamilyParameters = FamilyParameters()
     workspace: FamilyParameters = FamilyParameters()
     custom: FamilyParameters = FamilyParameters()
+    own: Any = None
 
     def values(self, name: str) -> Array:
         """The parameter ``name`` of every family, shape (len(FAMILIES),), in the order of ``FAMILIES``."""
@@ -153,16 +165,19 @@ class BarrierParameters:
         own = {f: getattr(self, f).margin for f in FAMILIES}
         return np.array([defaults[f] if own[f] is None else own[f] for f in FAMILIES], dtype=float)
 
-    def of_rows(self, family: Indices, margins: Mapping[str, float] = NO_MARGINS) -> RowParameters:
+    def of_rows(
+        self, family: Indices, margins: Mapping[str, float] = NO_MARGINS, own: Mapping[str, Array] | None = None
+    ) -> RowParameters:
         """The parameters row by row.
 
         Args:
             family: shape (n,) index into ``FAMILIES``.
             margins: by family, for those that have none of their own.
+            own: row by row already.
         """
         names = [name for name in FamilyParameters.__slots__ if name != "margin"]
-        own = {name: self.values(name)[family] for name in names}
-        return RowParameters(margin=self.margins(margins)[family], **own)
+        values: dict[str, Array] = {name: self.values(name)[family] for name in names}
+        return RowParameters(margin=self.margins(margins)[family], own={} if own is None else own, **values)
 
 
 @cache

@@ -1,58 +1,109 @@
-"""The filters by name: which condition and which resolution each is made of."""
+"""The filters by name: those that come with the project, and those that are registered from outside.
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+A filter of one's own is found by its name once :func:`register` was called with it, or where an installed package
+names it in its entry points,
 
-from safety.barriers.rows import BarrierRows, HalfSpaces
-from safety.filters.conditions import NO_MARGINS, SET_MARGINS, RowParameters, cbf, issf_cbf, ssa, sss, worst_row
+.. code-block:: toml
 
-Condition = Callable[[BarrierRows, RowParameters], HalfSpaces]
+    [project.entry-points."safewbc.filters"]
+    eager = "my_package.filters:EAGER"
 
+or by ``module:name``, for which the module is imported first: it registers the filter as it is imported. The last two
+work in every process, those of a study's workers too.
+"""
 
-@dataclass(frozen=True, slots=True)
-class FilterKind:
-    """What makes one filter differ from another.
+from collections.abc import Mapping
+from importlib import import_module
+from importlib.metadata import entry_points
+from types import MappingProxyType
 
-    Attributes:
-        name: in configurations.
-        title: in texts and figures.
-        condition: half-spaces of the rows; ``None``: no condition.
-        resolution: ``qp``, ``slack_qp``, ``two_phase``, ``push_cartesian`` or ``push_joint``; ``none``: pass through.
-        source: paper and equations.
-        margins: margin by family where the parameters give none.
-        orders: relative degrees it is defined for: 1, input velocity; 2, input acceleration.
-    """
+from robots.errors import ConfigError
+from safety.filters.conditions import SET_MARGINS, cbf, issf_cbf, ssa, sss, worst_row
+from safety.filters.filter_kind import FilterKind
+from safety.filters.pushes import CARTESIAN_PUSH, JOINT_PUSH, PASS_THROUGH
+from safety.filters.resolutions import NEAREST, SLACK, TWO_PHASE
+from safety.filters.second_order import ecbf_rows
 
-    name: str
-    title: str
-    condition: Condition | None
-    resolution: str
-    source: str
-    margins: Mapping[str, float]
-    orders: tuple[int, ...] = (1, 2)
-
+ENTRY_POINTS = "safewbc.filters"
+"""Group of entry points that name filters, each an object of :class:`FilterKind`."""
 
 LEE = "Lee et al., Safety-Critical Whole-Body Control for Humanoid Robots via ISSf-CBFs"
 PSSA = "p-SSA paper"
 SPARK = "SPARK"
 
-KINDS: dict[str, FilterKind] = {
-    kind.name: kind
-    for kind in (
-        FilterKind("none", "no filter", None, "none", f"baseline w/o-CBF of {LEE}", NO_MARGINS),
-        FilterKind("cbf", "CBF", cbf, "qp", f"{LEE}, eqs. (5), (31), (33); {SPARK}, eq. (6)", NO_MARGINS),
-        FilterKind("issf", "ISSf-CBF", issf_cbf, "qp", f"{LEE}, eqs. (32), (33)", NO_MARGINS),
-        FilterKind("ecbf", "eCBF", cbf, "qp", f"{LEE}, eqs. (54), (55)", NO_MARGINS, (2,)),
-        FilterKind("ssa", "SSA", ssa, "qp", f"{PSSA}, eq. (9); {SPARK}, eq. (5)", SET_MARGINS),
-        FilterKind("rssa", "r-SSA", ssa, "slack_qp", f"{PSSA}, eq. (10)", SET_MARGINS),
-        FilterKind("pssa", "p-SSA", ssa, "two_phase", f"{PSSA}, eqs. (12), (13)", SET_MARGINS),
-        FilterKind("sss", "SSS", sss, "qp", f"{SPARK}, eq. (7)", SET_MARGINS),
-        FilterKind("pfm", "PFM", worst_row, "push_cartesian", f"{SPARK}, eqs. (8)-(10)", SET_MARGINS),
-        FilterKind("sma", "SMA", worst_row, "push_joint", f"{SPARK}, eqs. (12), (13)", SET_MARGINS),
-    )
-}
-"""All filters by name."""
+_BUILT_IN = (
+    FilterKind("none", "no filter", None, PASS_THROUGH, f"baseline w/o-CBF of {LEE}"),
+    FilterKind("cbf", "CBF", cbf, NEAREST, f"{LEE}, eqs. (5), (31), (33); {SPARK}, eq. (6)"),
+    FilterKind("issf", "ISSf-CBF", issf_cbf, NEAREST, f"{LEE}, eqs. (32), (33)"),
+    FilterKind("ecbf", "eCBF", cbf, NEAREST, f"{LEE}, eqs. (54), (55)", orders=(2,), index=ecbf_rows),
+    FilterKind("ssa", "SSA", ssa, NEAREST, f"{PSSA}, eq. (9); {SPARK}, eq. (5)", SET_MARGINS),
+    FilterKind("rssa", "r-SSA", ssa, SLACK, f"{PSSA}, eq. (10)", SET_MARGINS),
+    FilterKind("pssa", "p-SSA", ssa, TWO_PHASE, f"{PSSA}, eqs. (12), (13)", SET_MARGINS),
+    FilterKind("sss", "SSS", sss, NEAREST, f"{SPARK}, eq. (7)", SET_MARGINS),
+    FilterKind("pfm", "PFM", worst_row, CARTESIAN_PUSH, f"{SPARK}, eqs. (8)-(10)", SET_MARGINS),
+    FilterKind("sma", "SMA", worst_row, JOINT_PUSH, f"{SPARK}, eqs. (12), (13)", SET_MARGINS),
+)
 
-FILTERS = tuple(KINDS)
+FILTERS = tuple(kind.name for kind in _BUILT_IN)
+"""Names of the filters that come with the project."""
 
-CONDITIONS: dict[str, Condition] = {kind.name: kind.condition for kind in KINDS.values() if kind.condition}
+_kinds: dict[str, FilterKind] = {kind.name: kind for kind in _BUILT_IN}
+
+KINDS: Mapping[str, FilterKind] = MappingProxyType(_kinds)
+"""All filters registered so far, by name; :func:`register` adds one."""
+
+
+def register(kind: FilterKind) -> FilterKind:
+    """Make a filter known by its name; returns it.
+
+    Raises:
+        ConfigError: it is no :class:`FilterKind`, or the name is that of another filter.
+    """
+    if not isinstance(kind, FilterKind):
+        raise ConfigError("filter", kind, "a FilterKind")
+    if _kinds.setdefault(kind.name, kind) is not kind:
+        raise ConfigError("name of a filter", kind.name, "one that is not taken: taken are " + ", ".join(_kinds))
+    return kind
+
+
+def unregister(name: str) -> None:
+    """Forget a filter that was registered, so that its name can be used again.
+
+    Raises:
+        ConfigError: there is none of this name, or it comes with the project.
+    """
+    registered = [known for known in _kinds if known not in FILTERS]
+    if name not in registered:
+        raise ConfigError("filter", name, "one that was registered: " + (", ".join(registered) or "there is none"))
+    del _kinds[name]
+
+
+def filter_kind(name: str) -> FilterKind:
+    """The filter of a name, or of ``module:name``; looked for among the registered ones, then among entry points.
+
+    Raises:
+        ConfigError: there is no such filter, or the module cannot be found.
+    """
+    if (kind := _kinds.get(name)) is not None:
+        return kind
+    module, _, own = name.rpartition(":")
+    if module:
+        return _of_module(module, own)
+    installed = entry_points(group=ENTRY_POINTS)
+    if name in installed.names:
+        return register(installed[name].load())
+    known = dict.fromkeys((*_kinds, *installed.names))
+    raise ConfigError("filter", name, "one of " + ", ".join(known) + ", or module:name for one of your own")
+
+
+def _of_module(module: str, name: str) -> FilterKind:
+    """A filter that a module registers as it is imported."""
+    try:
+        import_module(module)
+    except ModuleNotFoundError as error:
+        raise ConfigError("filter", f"{module}:{name}", f"of a module that can be imported ({error})") from error
+    if name not in _kinds:
+        raise ConfigError(
+            "filter", f"{module}:{name}", f"a filter that {module} registers; known are {', '.join(_kinds)}"
+        )
+    return _kinds[name]

@@ -1,15 +1,13 @@
-"""Resolutions: which input is taken, given the conditions."""
-
-from dataclasses import dataclass
-from typing import Protocol
+"""Resolutions that solve a QP with all conditions: the nearest input, or the best one where violation has a price."""
 
 import numpy as np
 
 from robots.checks import all_finite
-from robots.messages import Array, Indices
+from robots.messages import Array
 from safety.barriers.rows import BarrierRows
 from safety.filters.condition_kernels import least_shortfall, next_to_immovable
-from safety.filters.conflict import Candidates
+from safety.filters.conditions import RowParameters
+from safety.filters.resolution import ResolutionKind, Resolved, candidates
 from safety.filters.second_phase import SLACK_PULL, SecondPhase
 from safety.filters.working_set import BEYOND, Optimum, Problem, WorkingSetQp
 from wbc.active_set import OPTIMAL
@@ -25,40 +23,6 @@ EASE = 1e-3
 
 CERTAIN = 1e-7
 """Conditions certainly cannot hold where every input violates one by more than this [m/s, rad/s]."""
-
-RANK = 1e-9
-"""Share of the largest singular value below which a direction of a point's motion counts as out of reach."""
-
-INFEASIBLE = ("least_slack", "unsafe_pass_nominal")
-"""What is done where no velocity satisfies the conditions; the second is the papers' naive baseline."""
-
-
-@dataclass(frozen=True, slots=True)
-class Resolved:
-    """What a resolution found.
-
-    Attributes:
-        v: shape (nv,) input between its bounds; ``None`` where no solver had an answer.
-        unsafe: whether it is the nominal input, because no solution was found.
-        candidates: rows among which the conflict is; ``None`` where there is none.
-        cause: why there is no v, where more can be said than that.
-        spent: whether v is the best that was found before a budget was spent, or as far as rounding let it be found:
-            between its bounds, but not proved to be the one that the resolution asks for.
-    """
-
-    v: Array | None
-    unsafe: bool = False
-    candidates: Candidates | None = None
-    cause: str = ""
-    spent: bool = False
-
-
-class Resolution(Protocol):
-    """Finds an input for one tick's problem."""
-
-    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
-        """Find it; ``rows`` are those that the conditions were made of."""
-        ...
 
 
 class NearestQp:
@@ -87,13 +51,13 @@ class NearestQp:
 
     Everything has a budget (``ROUNDS`` of :mod:`wbc.active_set`, ``STEPS`` of :mod:`wbc.least_slack`, ``PASSES`` of
     :mod:`safety.filters.working_set`). The first phase is at every step at an input between the bounds, with less slack
-    than before; so where a budget is spent that one is taken, and :attr:`Resolved.spent` says so.
+    than before; so where a budget is spent that one is taken, and ``spent`` of the answer says so.
 
     ``unsafe_pass_nominal`` returns the nominal input, clipped to its bounds: the naive baseline of sec. V-C there.
     """
 
     def __init__(self, nv: int, n_rows: int, infeasible: str = "least_slack") -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``infeasible``: one of ``INFEASIBLE``."""
+        """For ``nv`` variables and ``n_rows`` rows; ``infeasible``: one of ``safety.filters.settings.INFEASIBLE``."""
         self._pass_nominal = infeasible == "unsafe_pass_nominal"
         self._pull, self._weights = SLACK_PULL * np.eye(nv), np.ones(n_rows)
         self._hard = WorkingSetQp(nv, n_rows)
@@ -101,15 +65,18 @@ class NearestQp:
         self._second = SecondPhase(nv, n_rows)
         self._conflict = False
 
+    def set_parameters(self, parameters: RowParameters) -> None:
+        """None are read: all that the conditions ask for is in the problem."""
+
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
-        """See :meth:`Resolution.resolve`."""
+        """See :meth:`safety.filters.resolution.Resolution.resolve`."""
         if self._conflict:
             return self._compromise(problem, None)
         hard = self._hard.solve(problem, problem.spaces.b)
         if hard.v is not None:
             return Resolved(hard.v)
         if self._pass_nominal:
-            return Resolved(problem.clipped(), True, _copy(problem, hard.working))
+            return Resolved(problem.clipped(), True, candidates(problem, hard.working))
         return self._compromise(problem, hard)
 
     def _compromise(self, problem: Problem, hard: Optimum | None) -> Resolved:
@@ -127,16 +94,16 @@ class NearestQp:
             hard = self._hard.solve(problem, b)
             if hard.v is not None:
                 self._conflict = lost.size > 0
-                return Resolved(hard.v, False, _copy(problem, self._hard.working(), lost) if lost.size else None)
+                return Resolved(hard.v, False, candidates(problem, self._hard.working(), lost) if lost.size else None)
         if not proved:
             proved, v = self._soft.go_on()
             certain = certain or least_shortfall(A, b, *bounds, short) > CERTAIN
         self._conflict = True
-        candidates = _copy(problem, np.flatnonzero(short > -BEYOND), lost)
+        seen = candidates(problem, np.flatnonzero(short > -BEYOND), lost)
         nearest = self._second.solve(problem, A, short, v)
         unknown = not certain and hard is not None and hard.spent
         spent = not proved or nearest is None or unknown
-        return Resolved(v if nearest is None else nearest, False, candidates, spent=spent)
+        return Resolved(v if nearest is None else nearest, False, seen, spent=spent)
 
 
 class Compromise:
@@ -200,87 +167,24 @@ class SlackQp:
     with p = 2.
     """
 
-    def __init__(self, nv: int, n_rows: int, slack_weight: Array) -> None:
-        """For ``nv`` variables and ``n_rows`` rows; ``slack_weight``: Q, shape (n_rows,)."""
-        # the search's objective is half of both terms: 1/2 |v - v_des|^2 + 1/2 (Q/2) s^2
-        self._weights = 0.5 * slack_weight
+    def __init__(self, nv: int, n_rows: int) -> None:
+        """For ``nv`` variables and ``n_rows`` rows."""
+        self._weights = np.zeros(n_rows)
         self._search = Compromise(nv, n_rows)
 
+    def set_parameters(self, parameters: RowParameters) -> None:
+        """``slack_weight`` is Q, shape (n_rows,)."""
+        # the search's objective is half of both terms: 1/2 |v - v_des|^2 + 1/2 (Q/2) s^2
+        self._weights = 0.5 * parameters.slack_weight
+
     def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
-        """See :meth:`Resolution.resolve`."""
+        """See :meth:`safety.filters.resolution.Resolution.resolve`."""
         soft = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, self._weights
         proved, v = self._search.solve(problem, problem.hessian, problem.v_des, soft)
         working = np.flatnonzero((self._search.short > -BEYOND) | problem.violated)
-        return Resolved(v, False, _copy(problem, working), spent=not proved)
+        return Resolved(v, False, candidates(problem, working), spent=not proved)
 
 
-class CartesianPush:
-    r"""Potential field: the point of the worst row is pushed along its normal.
-
-    .. math:: v = v^{des} + J_c^{+} c\,\hat n
-
-    :math:`J_c^+` is the pseudo-inverse of least change in the metric H (for H = I that of Moore and Penrose). SPARK
-    takes :math:`J_c^+ (J_c v^{des} + c\,\hat n)` instead, which also discards whatever the nominal motion does without
-    moving the point: all of the posture. Source: eqs. (8)-(10) of SPARK.
-    """
-
-    def __init__(self, push: Array) -> None:
-        """``push``: c of each row [m/s], shape (n_rows,)."""
-        self._push = push
-
-    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
-        """See :meth:`Resolution.resolve`."""
-        if (i := _pushed_row(problem)) is None:
-            return Resolved(problem.clipped())
-        jac, direction = (rows.jac[i : i + 1], np.ones(1)) if rows.cartesian is None else rows.cartesian(i)
-        if jac.ndim != 2 or jac.shape[1] != problem.v_des.size or direction.shape != jac.shape[:1]:
-            shapes = f"shapes {jac.shape} and {direction.shape}, expected (k, {problem.v_des.size}) and (k,)"
-            return Resolved(None, cause=f"Jacobian and direction of row {i}'s point have {shapes}")
-        towards = np.linalg.solve(problem.hessian, jac.T)
-        moved = jac @ towards
-        if not all_finite(moved, direction):
-            return Resolved(None, cause=f"Jacobian or direction of row {i}'s point is not finite or too large")
-        strength = np.linalg.pinv(moved, rcond=RANK, hermitian=True) @ (self._push[i] * direction)
-        return _pushed(problem, towards @ strength)
-
-
-class JointPush:
-    r"""Sliding mode: the worst row's gradient is added.
-
-    .. math:: v = v^{des} + c\, H^{-1} J_i^T
-
-    Source: eq. (12) of SPARK, H = I there.
-    """
-
-    def __init__(self, push: Array) -> None:
-        """``push``: c of each row [rad/s per m/rad], shape (n_rows,)."""
-        self._push = push
-
-    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
-        """See :meth:`Resolution.resolve`."""
-        if (i := _pushed_row(problem)) is None:
-            return Resolved(problem.clipped())
-        return _pushed(problem, self._push[i] * np.linalg.solve(problem.hessian, problem.spaces.A[i]))
-
-
-def _pushed_row(problem: Problem) -> int | None:
-    """The row that is active, if there is one."""
-    active = np.flatnonzero(problem.spaces.active)
-    return int(active[0]) if active.size else None
-
-
-def _pushed(problem: Problem, push: Array) -> Resolved:
-    """The nominal input and a push, between the bounds."""
-    v = problem.v_des + push
-    if not all_finite(v):
-        # clipped, an infinite push would look like an ordinary one
-        return Resolved(None, cause="the push is not finite")
-    return Resolved(np.minimum(np.maximum(v, problem.lower), problem.upper))
-
-
-def _copy(problem: Problem, working: Indices, lost: Indices | tuple[()] = ()) -> Candidates:
-    """The rows that a solver saw and those it was not shown, kept for later."""
-    if len(lost):
-        working = np.union1d(working, lost)
-    A, b = problem.spaces.A[working], problem.spaces.b[working]
-    return Candidates(working, A, b, problem.lower, problem.upper)
+NEAREST = ResolutionKind("qp", NearestQp)
+TWO_PHASE = ResolutionKind("two_phase", lambda nv, n_rows, infeasible: NearestQp(nv, n_rows))
+SLACK = ResolutionKind("slack_qp", lambda nv, n_rows, infeasible: SlackQp(nv, n_rows))

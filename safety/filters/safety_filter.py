@@ -1,39 +1,29 @@
 """Safety filters: a condition on the input, and a resolution that says which input is taken."""
 
 import math
-from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
-from robots.checks import all_finite, require_non_negative, require_one_of, require_positive
+from robots.checks import all_finite
 from robots.errors import ConfigError
 from robots.messages import Array, Indices
-from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
+from safety.barriers.rows import BarrierRows, HalfSpaces
+from safety.filters.answers import BUDGET_SPENT, Answers
 from safety.filters.conditions import BarrierParameters, RowParameters
-from safety.filters.conflict import Candidates
 from safety.filters.filter_inputs import not_finite, wrong_epsilon, wrong_shape
-from safety.filters.filter_kernels import metric, survey
+from safety.filters.filter_kernels import survey
+from safety.filters.filter_kind import FilterKind
+from safety.filters.metric import Jacobians, Metric
 from safety.filters.recovery import Eased, Recovery, RecoverySettings
-from safety.filters.registry import CONDITIONS, FILTERS, KINDS
-from safety.filters.resolutions import (
-    INFEASIBLE,
-    CartesianPush,
-    JointPush,
-    NearestQp,
-    Resolution,
-    Resolved,
-    SlackQp,
-)
-from safety.filters.results import ACTIVE, RELAXED, FilterResult, FilterStatus, explain, report
-from safety.filters.second_order import acceleration_bounds, ecbf_rows, index_rows, without_margin
+from safety.filters.registry import FILTERS, KINDS, filter_kind
+from safety.filters.results import ACTIVE, RELAXED, FilterResult, FilterStatus, explain
+from safety.filters.row_conditions import RowConditions
+from safety.filters.second_order import acceleration_bounds
+from safety.filters.settings import FilterSettings, MetricWeights, checked_bounds
 from safety.filters.working_set import Problem
 from safety.geometry.contact_rows import packed
-from wbc.qp import UNBOUNDED
-
-BUDGET_SPENT = "budget spent: the answer is the best found so far"
-"""Cause in a result whose search was cut short; see :attr:`safety.filters.results.FilterResult.spent`."""
 
 NOT_FINITE = "conditions are not finite"
 TOO_LARGE = "conditions are too large: their squares are not finite, or they ask for more than any input"
@@ -42,17 +32,17 @@ TOO_LARGE = "conditions are too large: their squares are not finite, or they ask
 FAR = 2 * ACTIVE
 """With more room than this [m/s, rad/s] no condition counts as active, however sums are rounded."""
 
-QPS = ("qp", "two_phase", "slack_qp")
-"""Resolutions that solve a QP."""
-
 __all__ = [
     "ACTIVE",
-    "CONDITIONS",
+    "BUDGET_SPENT",
     "FILTERS",
     "KINDS",
     "RELAXED",
+    "FilterKind",
     "FilterResult",
+    "FilterSettings",
     "FilterStatus",
+    "MetricWeights",
     "SafetyFilter",
     "explain",
 ]
@@ -83,82 +73,133 @@ class SafetyFilter:
     Every search has a budget. Where one is spent, v is the one of least slack found so far, between its bounds, and the
     result says so (``spent`` and the cause): see :class:`safety.filters.resolutions.NearestQp`.
 
+    What is set later takes force in the next call of :meth:`apply`, and nothing that was learned is lost: buffers, warm
+    starts and the way out of a broken barrier stay. Attributes cannot be set but by these methods.
+
     Args:
-        name: one of ``FILTERS``; ``none`` is no filter: it passes the nominal input through as it is, even beyond its
-            bounds.
+        kind: the filter, or its name as :func:`safety.filters.registry.filter_kind` knows it; ``none`` is no filter: it
+            passes the nominal input through as it is, even beyond its bounds.
         n_rows: number of barrier rows.
         parameters: of the conditions and resolutions, by family.
         v_max: shape (nv,) bounds on the size of each input, above 0 [m/s, rad/s; for order 2 m/s^2, rad/s^2].
-        foot_weight: w_f, 0 or above.
-        balance_weight: w_b, 0 or above.
-        hand_weight: w_h, 0 or above.
-        infeasible: one of ``INFEASIBLE``, for ``cbf``, ``issf``, ``ecbf``, ``ssa`` and ``sss``.
-        max_age: inputs older than this are refused [s], above 0.
-        order: 1, the input is a velocity; 2, it is an acceleration.
-        velocity_max: shape (nv,) bounds on the velocity after a step, order 2 only; ``None`` for none.
-        dt: that step [s], above 0; order 2, and recovery.
-        recovery: how to come back from behind a barrier, see :mod:`safety.filters.recovery`; only for order 1 and
-            filters that solve a QP. ``None``: the conditions are as strict there as anywhere.
+        weights: of the metric.
+        settings: how it is run.
 
     Raises:
-        ConfigError: unknown filter or option, a filter of another order, a negative weight, or a bound that is not
+        ConfigError: unknown filter, a filter of another order, parameters of another filter, or a bound that is not
             finite and above 0.
     """
 
+    __slots__ = (
+        "_conditions",
+        "_limit",
+        "_lower",
+        "_metric",
+        "_n_rows",
+        "_recovery",
+        "_resolution",
+        "_settings",
+    )
+
     def __init__(
         self,
-        name: str,
+        kind: str | FilterKind,
         n_rows: int,
         parameters: BarrierParameters,
         v_max: Array,
-        foot_weight: float = 1e3,
-        balance_weight: float = 1e3,
-        hand_weight: float = 1e2,
-        infeasible: str = "least_slack",
-        max_age: float = 0.1,
-        order: int = 1,
-        velocity_max: Array | None = None,
-        dt: float = 0.002,
-        recovery: RecoverySettings | None = None,
+        weights: MetricWeights | None = None,
+        settings: FilterSettings | None = None,
     ) -> None:
-        require_one_of("filter", name, FILTERS)
-        self.kind = KINDS[name]
-        if order not in {1, 2}:
-            raise ConfigError("order", order, "1 (velocity) or 2 (acceleration)")
-        if order not in self.kind.orders:
-            raise ConfigError("filter", name, "another one for velocities (order 1): it acts on accelerations")
-        require_one_of("infeasible", infeasible, INFEASIBLE)
-        weights = {"foot_weight": foot_weight, "balance_weight": balance_weight, "hand_weight": hand_weight}
-        for key, weight in weights.items():
-            require_non_negative(key, weight)
+        kind = kind if isinstance(kind, FilterKind) else filter_kind(kind)
+        self._settings = FilterSettings() if settings is None else settings
+        if self._settings.order not in kind.orders:
+            other = "another one for velocities (order 1): it acts on accelerations"
+            raise ConfigError("filter", kind.name, other if self._settings.order == 1 else "one for accelerations")
         if not (isinstance(n_rows, int | np.integer) and n_rows >= 0):
             raise ConfigError("n_rows", n_rows, "a whole number, 0 or above")
-        if not isinstance(parameters, BarrierParameters):
-            raise ConfigError("parameters", parameters, "a BarrierParameters")
-        v_max = np.asarray(v_max, dtype=float)
-        velocity_max = None if velocity_max is None else np.asarray(velocity_max, dtype=float)
-        if v_max.ndim != 1:
-            raise ConfigError("v_max", v_max, "of shape (nv,), one number per input")
-        for key, bound in (("v_max", v_max), ("velocity_max", velocity_max)):
-            if bound is not None and not (bound.shape == v_max.shape and all_finite(bound) and (bound > 0).all()):
-                raise ConfigError(key, bound, "finite and above 0 throughout, one number per input")
-        for key, time in (("max_age", max_age), ("dt", dt)):
-            require_positive(key, time)
-        self.name, self.parameters, self.infeasible, self.max_age = name, parameters, infeasible, max_age
-        self.foot_weight, self.balance_weight, self.hand_weight = foot_weight, balance_weight, hand_weight
-        self.order, self._dt = order, dt
-        self._nv, self._n_rows = v_max.size, n_rows
-        self._limit = np.array(v_max)
-        self._velocity_max = None if velocity_max is None else np.array(velocity_max)
-        self._lower, self._upper = -self._limit, self._limit
-        self._hessian, self._none = np.zeros((self._nv, self._nv)), np.zeros((0, self._nv))
-        self._pushes = self.kind.resolution.startswith("push")
-        self._family: bytes | None = None
+        self._n_rows = n_rows
+        self._limit = checked_bounds("v_max", v_max)
+        self._lower, nv = -self._limit, self._limit.size
+        bound = self._settings.velocity_max
+        if bound is not None and bound.shape != self._limit.shape:
+            raise ConfigError("velocity_max", bound, f"{nv} numbers, one per input")
+        self._metric = Metric(nv, MetricWeights() if weights is None else weights)
+        self._conditions = RowConditions(kind, parameters, self._take_over)
+        self._resolution = kind.resolution.make(nv, n_rows, self._settings.infeasible)
         self._recovery: Recovery | None = None
+        self.set_recovery(self._settings.recovery)
+
+    @property
+    def kind(self) -> FilterKind:
+        """Condition and resolution."""
+        return self._conditions.kind
+
+    @property
+    def name(self) -> str:
+        """Name of the filter."""
+        return self._conditions.kind.name
+
+    @property
+    def parameters(self) -> BarrierParameters:
+        """Of the conditions and resolutions, by family; see :meth:`set_parameters`."""
+        return self._conditions.parameters
+
+    @property
+    def weights(self) -> MetricWeights:
+        """Of the metric; see :meth:`set_weights`."""
+        return self._metric.weights
+
+    @property
+    def settings(self) -> FilterSettings:
+        """How it is run; see :meth:`set_recovery`."""
+        return self._settings
+
+    @property
+    def v_max(self) -> Array:
+        """Bounds (nv,) on the size of each input, not to be written to; see :meth:`set_bounds`."""
+        return self._limit
+
+    def set_parameters(self, parameters: BarrierParameters) -> None:
+        """Take other parameters of the conditions and resolutions.
+
+        Raises:
+            ConfigError: they are no :class:`BarrierParameters`, or have parameters of another filter; nothing changes.
+        """
+        self._conditions.set_parameters(parameters)
+
+    def set_weights(self, weights: MetricWeights) -> None:
+        """Take other weights of the metric."""
+        self._metric.weights = weights
+
+    def set_bounds(self, v_max: Array) -> None:
+        """Take other bounds (nv,) on the size of each input, above 0.
+
+        Raises:
+            ConfigError: they are not one finite number above 0 per input; nothing changes.
+        """
+        bounds = checked_bounds("v_max", v_max)
+        if bounds.shape != self._limit.shape:
+            raise ConfigError("v_max", v_max, f"{self._limit.size} numbers, one per input")
+        self._limit, self._lower = bounds, -bounds
+
+    def set_recovery(self, recovery: RecoverySettings | None) -> None:
+        """Come back from behind a barrier in another way; ``None``: the conditions are strict there."""
+        self._settings = replace(self._settings, recovery=recovery)
+        order, infeasible = self._settings.order, self._settings.infeasible
         # the papers' baseline has none
-        eased = order == 1 and self.kind.resolution in QPS and infeasible != "unsafe_pass_nominal"
-        if recovery is not None and eased:
-            self._recovery = Recovery(self._nv, n_rows, recovery, dt)
+        possible = order == 1 and self.kind.joint and infeasible != "unsafe_pass_nominal"
+        if recovery is None or not possible:
+            self._recovery = None
+        elif self._recovery is None:
+            self._recovery = Recovery(self._limit.size, self._n_rows, recovery, self._settings.dt)
+        else:
+            self._recovery.settings = recovery
+
+    def _take_over(self, parameters: RowParameters, others: bool) -> None:
+        """Give the resolution its parameters; where the rows are others, what it learned of the last ones is no use."""
+        if others:
+            self._resolution = self.kind.resolution.make(self._limit.size, self._n_rows, self._settings.infeasible)
+        self._resolution.set_parameters(parameters)
 
     def apply(
         self,
@@ -190,21 +231,22 @@ class SafetyFilter:
             finite or too large to reckon with, an array of another shape, or input that is too old gives status
             ``FAILED`` with the cause.
         """
-        jacobians = (feet, balance, hands)
+        jacobians, order = (feet, balance, hands), self._settings.order
+        answers = Answers(order, self._limit, self._settings.dt, velocity)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
             cause = self._objection(rows, v_des, age, velocity, jacobians) or wrong_epsilon(self._n_rows, epsilon)
             if cause:
-                return self._refusal(cause, velocity)
-            if self.kind.condition is None:
-                if cause := not_finite(self.order, rows, v_des, velocity):
-                    return self._refusal(cause, velocity)
+                return self._refusal(answers, cause)
+            if self._conditions.kind.condition is None:
+                if cause := not_finite(order, rows, v_des, velocity):
+                    return self._refusal(answers, cause)
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
             if cause := self.prepare(rows.family):
-                return self._refusal(not_finite(self.order, rows, v_des, velocity) or cause, velocity)
-            own = self._row_parameters
+                return self._refusal(answers, not_finite(order, rows, v_des, velocity) or cause)
+            own = self._conditions.of_rows
             parameters = own if epsilon is None else replace(own, epsilon=epsilon)
-            result = self._filter(rows, v_des, jacobians, velocity, parameters)
+            result = self._filter(rows, v_des, jacobians, velocity, parameters, answers)
         if self._recovery is not None and not (result.status == FilterStatus.FAILED and result.worst_row < 0):
             self._recovery.note(v_des, result.v)
         return result
@@ -214,62 +256,64 @@ class SafetyFilter:
         if self._recovery is not None:
             self._recovery.reset()
 
+    def resume(self, v_des: Array, v: Array) -> None:
+        """Go on from the nominal input and the command (nv,) of a tick that another filter answered."""
+        if self._recovery is not None:
+            self._recovery.note(v_des, v)
+
     def _filter(
         self,
         rows: BarrierRows,
         v_des: Array,
-        jacobians: tuple[Array | None, ...],
+        jacobians: Jacobians,
         velocity: Array | None,
         parameters: RowParameters,
+        answers: Answers,
     ) -> FilterResult:
         """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
-        lower, upper = self._lower, self._upper
-        if self.order == 2 and velocity is not None:
-            lower, upper = acceleration_bounds(self._limit, velocity, self._velocity_max, self._dt)
-        spaces, violated = self._spaces(rows, velocity, parameters), np.empty(self._n_rows, dtype=bool)
+        lower, upper, s = self._lower, self._limit, self._settings
+        if s.order == 2 and velocity is not None:
+            lower, upper = acceleration_bounds(self._limit, velocity, s.velocity_max, s.dt)
+        spaces = self._conditions.spaces(rows, velocity if s.order == 2 else None, parameters)
+        violated = np.empty(self._n_rows, dtype=bool)
         parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
-            if cause := not_finite(self.order, rows, v_des, velocity):
-                return self._refusal(cause, velocity)
+            if cause := not_finite(s.order, rows, v_des, velocity):
+                return self._refusal(answers, cause)
         cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
         asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians, parameters)
         if eased is not None:
             spaces, v_des = eased.spaces, eased.v_des
             parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
             survey(*parts, lower, upper, violated)
-        elif not cause and room >= 0.0 and not (self._pushes and spaces.active.any()):
+        elif not cause and room >= 0.0 and not self._acts_when_met(spaces):
             if room >= FAR:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-            return self._report(v_des.copy(), FilterStatus.UNCHANGED, velocity, spaces)
-        if cause := cause or self._write_metric(jacobians, parts[4]):
-            return self._failure(cause, velocity, spaces)
+            return answers.found(v_des.copy(), FilterStatus.UNCHANGED, spaces)
+        if cause := cause or self._metric.write(jacobians, parts[4]):
+            return answers.failure(cause, spaces)
         conditions = HalfSpaces(parts[2], parts[3], spaces.active)
-        problem = Problem(conditions, parts[4], self._hessian, lower, upper, violated)
+        problem = Problem(conditions, parts[4], self._metric.matrix, lower, upper, violated)
         try:
             resolved = self._resolution.resolve(problem, rows)
         except np.linalg.LinAlgError as error:
-            return self._failure(f"linear equations have no answer: {error}", velocity, spaces)
-        return self._conclude(resolved, velocity, asked)
+            return answers.failure(f"linear equations have no answer: {error}", spaces)
+        return answers.conclude(resolved, asked)
 
     def _ease(
-        self,
-        rows: BarrierRows,
-        spaces: HalfSpaces,
-        v_des: Array,
-        jacobians: tuple[Array | None, ...],
-        parameters: RowParameters,
+        self, rows: BarrierRows, spaces: HalfSpaces, v_des: Array, jacobians: Jacobians, parameters: RowParameters
     ) -> Eased | None:
         """What to filter instead where rows are lost."""
-        if self._recovery is None:
+        condition = self._conditions.kind.condition
+        if self._recovery is None or condition is None:
             return None
-        metric = partial(self._metric, jacobians, v_des)
-        return self._recovery.ease(rows, spaces, CONDITIONS[self.name], parameters, v_des, metric, self._limit)
+        metric = partial(self._metric.at, jacobians, v_des)
+        return self._recovery.ease(rows, spaces, condition, parameters, v_des, metric, self._limit)
 
-    def _metric(self, jacobians: tuple[Array | None, ...], v_des: Array) -> Array:
-        """The metric (nv, nv), valid until the next one."""
-        self._write_metric(jacobians, v_des)
-        return self._hessian
+    def _acts_when_met(self, spaces: HalfSpaces) -> bool:
+        """Whether the resolution has something to do although the nominal input satisfies every condition."""
+        return self._conditions.kind.resolution.acts_when_met and bool(spaces.active.any())
 
     def _objection(
         self,
@@ -277,103 +321,27 @@ class SafetyFilter:
         v_des: Array,
         age: float,
         velocity: Array | None,
-        jacobians: tuple[Array | None, ...],
+        jacobians: Jacobians,
     ) -> str:
         """Why these inputs cannot be used, whatever their numbers are, in words; empty where they can."""
-        if not -self.max_age <= age <= self.max_age:
-            return f"input is {age:.2f} s old, allowed are {self.max_age:.2f} s"
-        measured = None if self.order == 1 else velocity
-        if cause := wrong_shape(self._n_rows, self._nv, rows, v_des, measured, jacobians):
+        order, oldest = self._settings.order, self._settings.max_age
+        if not -oldest <= age <= oldest:
+            return f"input is {age:.2f} s old, allowed are {oldest:.2f} s"
+        measured = None if order == 1 else velocity
+        if cause := wrong_shape(self._n_rows, self._limit.size, rows, v_des, measured, jacobians):
             return cause
-        if self.order == 1 or (velocity is not None and rows.curvature is not None):
+        if order == 1 or (velocity is not None and rows.curvature is not None):
             return ""
-        return not_finite(self.order, rows, v_des, velocity)
+        return not_finite(order, rows, v_des, velocity)
 
     def prepare(self, family: Indices) -> str:
         """Make ready for rows of these families (n_rows,), once as long as they stay the same; why not, in words.
 
         :meth:`apply` does it where it has not been done; the tick that it happens in takes a little longer.
         """
-        if self.kind.condition is None:
-            return ""
-        # a fraction of the time of numpy's comparison
-        if (key := family.tobytes()) == self._family:
-            return ""
-        if family.dtype.kind not in "iu" or not ((family >= 0) & (family < len(FAMILIES))).all():
-            return f"family of the barrier rows has to be integers from 0 to {len(FAMILIES) - 1}"
-        self._family = key
-        self._row_parameters = self.parameters.of_rows(family, self.kind.margins)
-        self._bare_parameters = without_margin(self._row_parameters)
-        self._resolution = self._make_resolution(self._row_parameters)
-        return ""
+        return self._conditions.prepare(family)
 
-    def _make_resolution(self, p: RowParameters) -> Resolution:
-        makers: dict[str, Callable[[], Resolution]] = {
-            "qp": lambda: NearestQp(self._nv, self._n_rows, self.infeasible),
-            "two_phase": lambda: NearestQp(self._nv, self._n_rows),
-            "slack_qp": lambda: SlackQp(self._nv, self._n_rows, p.slack_weight),
-            "push_cartesian": lambda: CartesianPush(p.push_cartesian),
-            "push_joint": lambda: JointPush(p.push_joint),
-        }
-        return makers[self.kind.resolution]()
-
-    def _spaces(self, rows: BarrierRows, velocity: Array | None, p: RowParameters) -> HalfSpaces:
-        """The conditions on the input, those that are not active out of reach of any."""
-        if self.order == 2 and velocity is not None:
-            rows = (ecbf_rows if self.name == "ecbf" else index_rows)(rows, velocity, p)
-            p = self._bare_parameters
-        spaces = CONDITIONS[self.name](rows, p)
-        if spaces.active.all():
-            return spaces
-        return HalfSpaces(spaces.A, np.where(spaces.active, spaces.b, -UNBOUNDED), spaces.active)
-
-    def _write_metric(self, jacobians: tuple[Array | None, ...], v_des: Array) -> str:
-        """Bring ``_hessian``, the metric (nv, nv), up to date; why it cannot be used, in words."""
-        feet, balance, hands = (self._none if j is None else np.ascontiguousarray(j, dtype=float) for j in jacobians)
-        weights = self.foot_weight, self.balance_weight, self.hand_weight
-        if math.isfinite(metric(feet, balance, hands, *weights, v_des, self._hessian)):
-            return ""
-        return "nominal input is too large" if all_finite(self._hessian) else "weighted Jacobians are not finite"
-
-    def _conclude(self, resolved: Resolved, velocity: Array | None, spaces: HalfSpaces) -> FilterResult:
-        if resolved.v is None:
-            return self._failure(resolved.cause or "no solver has an answer", velocity, spaces, resolved.candidates)
-        if not all_finite(resolved.v):
-            return self._failure("the answer is not finite", velocity, spaces)
-        if resolved.unsafe:
-            cause = "no solution found: the nominal input is passed on"
-            return self._report(resolved.v, FilterStatus.UNSAFE, velocity, spaces, cause, resolved.candidates)
-        cause = BUDGET_SPENT if resolved.spent else ""
-        return self._report(
-            resolved.v, FilterStatus.FILTERED, velocity, spaces, cause, resolved.candidates, resolved.spent
-        )
-
-    def _report(
-        self,
-        v: Array,
-        status: FilterStatus,
-        velocity: Array | None,
-        spaces: HalfSpaces,
-        cause: str = "",
-        candidates: Candidates | None = None,
-        spent: bool = False,
-    ) -> FilterResult:
-        """What an input does to the conditions; the stop action where that cannot be told."""
-        result = report(v, status, spaces, cause, candidates, spent)
-        return replace(result, v=self._stop(velocity)) if result.status == FilterStatus.FAILED else result
-
-    def _refusal(self, cause: str, velocity: Array | None) -> FilterResult:
-        """For inputs of which no conditions can be made."""
+    def _refusal(self, answers: Answers, cause: str) -> FilterResult:
+        """For inputs of which no conditions can be made: nothing is left to go on from either."""
         self.reset()
-        return FilterResult(self._stop(velocity), FilterStatus.FAILED, math.inf, -1, 0, cause=cause)
-
-    def _failure(
-        self, cause: str, velocity: Array | None, spaces: HalfSpaces, candidates: Candidates | None = None
-    ) -> FilterResult:
-        return report(self._stop(velocity), FilterStatus.FAILED, spaces, cause, candidates)
-
-    def _stop(self, velocity: Array | None) -> Array:
-        """The stop action: zero velocity, or the acceleration that brakes to it; zero where it is not known."""
-        if self.order == 1 or velocity is None or velocity.shape != (self._nv,) or not all_finite(velocity):
-            return np.zeros(self._nv)
-        return np.clip(-velocity / self._dt, -self._limit, self._limit)
+        return answers.refusal(cause)

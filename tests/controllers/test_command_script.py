@@ -282,7 +282,7 @@ def test_walking_changes_what_its_table_says_and_leaves_the_other_weights() -> N
     base, config = controller_config(robot), controller_config(robot, **walking_changes(robot))
     assert config.dynwbc == dataclasses.replace(base.dynwbc, force=3e-4, moment=2e-3)
     assert config.balance == dataclasses.replace(base.balance, load_time=0.7)
-    assert (config.gain_scale, config.without_drift) == (0.75, True)
+    assert (config.gain_scale, config.compensate_bias) == (0.75, True)
     assert walking_changes(robot, load_estimate=False)["balance"].load_time == 0.0
 
 

@@ -7,7 +7,7 @@ from controllers.balance.dcm_feedback import clip_to_support, zmp_command
 from controllers.balance.dcm_plan import DcmReference
 from controllers.reference import reference_here
 from controllers.whole_body.robot_config import controller_config
-from controllers.whole_body.task_stack import TaskStack
+from controllers.whole_body.whole_body_tasks import WholeBodyTasks
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
@@ -24,12 +24,12 @@ def asked_acceleration(robot: RobotDescription, dcm: Array, limits: Array, conta
     kin = Kinematics(robot)
     rng = np.random.default_rng(3)
     kin.update(standing_configuration(robot), 0.05 * rng.standard_normal(kin.nv))
-    stack = TaskStack(kin, config, False, HALF)
+    tasks = WholeBodyTasks(kin, config, False, HALF)
     reference = reference_here(kin, with_hands=False)
     reference.dcm = DcmReference(dcm, np.array([0.1, -0.05]), OMEGA)
     reference.in_contact, reference.load_limits = np.array(contact), limits
-    stack.set_references(reference)
-    (task,) = stack.kinwbc.levels[1]
+    tasks.set_references(reference)
+    task = tasks.stack["com"]
     assert isinstance(task, CenterOfMassTask)
     _, command = task.evaluate(kin)
     gains = config.dynwbc

@@ -43,7 +43,7 @@ def test_the_measured_dcm_is_that_of_a_pendulum_as_high_as_the_com(robot: RobotD
 def test_the_com_accelerates_as_the_pendulum_does(robot: RobotDescription) -> None:
     """Horizontal acceleration of eq. (15), drift included: omega^2 (c - p), p the DCM feedback's ZMP in the soles."""
     rng = np.random.default_rng(3)
-    config = controller_config(robot, filter="none", without_drift=True)
+    config = controller_config(robot, filter="none", compensate_bias=True)
     controller = WholeBodyController(robot, config, with_hands=False)
     state = at_rest(robot)
     controller.reset(state)

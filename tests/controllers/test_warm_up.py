@@ -85,7 +85,7 @@ def test_a_clock_of_ones_own_does_not_run(robot: RobotDescription) -> None:
 
 
 @pytest.mark.parametrize("with_hands", [True, False])
-@pytest.mark.parametrize("name", [n for n in FILTERS if KINDS[n].resolution in ("qp", "two_phase", "slack_qp")])
+@pytest.mark.parametrize("name", [n for n in FILTERS if KINDS[n].joint])
 def test_the_situations_leave_no_path_of_the_filter_out(robot: RobotDescription, name: str, with_hands: bool) -> None:
     """Conditions at work that can hold, and such as cannot; where all hold, a filter of rows on velocities is idle."""
     controller = WholeBodyController(robot, controller_config(robot, filter=name), with_hands, OBSTACLE_KINDS)

@@ -19,6 +19,7 @@ from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.rows import FAMILIES
 from safety.filters.conditions import FamilyParameters
+from safety.filters.safety_filter import MetricWeights, SafetyFilter
 from wbc.dynwbc import DynWbcWeights
 from wbc.qp import ProxqpSolver
 
@@ -121,9 +122,16 @@ class Spy:
 
 
 def spy_on_filter(case: Case, monkeypatch: pytest.MonkeyPatch) -> Spy:
-    spy = Spy(("rows", "v_des", "feet", "balance"), case.controller.filter.apply)
-    monkeypatch.setattr(case.controller.filter, "apply", spy)
+    safety_filter = filter_of(case)
+    spy = Spy(("rows", "v_des", "feet", "balance"), safety_filter.apply)
+    monkeypatch.setattr(SafetyFilter, "apply", lambda self, *args, **kwargs: spy(*args, **kwargs))
     return spy
+
+
+def filter_of(case: Case) -> SafetyFilter:
+    """The filter of velocities that is at work."""
+    assert case.controller.filter is not None
+    return case.controller.filter
 
 
 def spy_on_dynwbc(case: Case, monkeypatch: pytest.MonkeyPatch) -> Spy:
@@ -297,9 +305,7 @@ def test_balance_is_the_com_and_the_orientation_of_base_and_torso(
 
 def test_the_weights_reach_the_filter(robot: RobotDescription) -> None:
     case = Case(robot, safety=FilterTuning(foot_weight=12.0, balance_weight=34.0, hand_weight=56.0))
-    assert case.controller.filter.foot_weight == 12.0
-    assert case.controller.filter.balance_weight == 34.0
-    assert case.controller.filter.hand_weight == 56.0
+    assert filter_of(case).weights == MetricWeights(12.0, 34.0, 56.0)
 
 
 @pytest.mark.parametrize("weight", ["foot_weight", "balance_weight", "hand_weight"])
@@ -322,7 +328,7 @@ def test_a_heavier_weight_keeps_its_own_tasks_as_desired(robot: RobotDescription
 def test_the_parameters_of_every_family_reach_the_conditions(robot: RobotDescription, family: str) -> None:
     values = {f: FamilyParameters(alpha=1.0 + 2 * i, epsilon=2.0 + 2 * i) for i, f in enumerate(FAMILIES)}
     case = Case(robot, safety=FilterTuning(**values))
-    parameters, i = case.controller.filter.parameters, FAMILIES.index(family)
+    parameters, i = filter_of(case).parameters, FAMILIES.index(family)
     assert getattr(parameters, family).alpha == parameters.values("alpha")[i] == 1.0 + 2 * i
     assert getattr(parameters, family).epsilon == parameters.values("epsilon")[i] == 2.0 + 2 * i
 

@@ -24,7 +24,7 @@ from safety.filters.safety_filter import FILTERS, KINDS
 
 TICKS = 10
 SIZES = [(n_rows, nv) for n_rows in OBSTACLES for nv in BASES]
-QP_FILTERS = [name for name in FILTERS if KINDS[name].resolution in ("qp", "two_phase", "slack_qp")]
+QP_FILTERS = [name for name in FILTERS if KINDS[name].joint]
 OBSTACLE, SELF_COLLISION, WORKSPACE = (FAMILIES.index(f) for f in ("obstacle", "self_collision", "workspace"))
 
 

@@ -13,7 +13,7 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.conditions import BarrierParameters, FamilyParameters
-from safety.filters.safety_filter import KINDS, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import KINDS, FilterSettings, FilterStatus, SafetyFilter
 from safety.filters.second_order import ecbf_rows, index_rows
 from safety.geometry.shapes import Obstacle
 
@@ -269,7 +269,9 @@ class Accelerated:
 
     def run(self, dt: float, duration: float = 0.4) -> IndexCourse:
         n = self.barriers.size
-        safety_filter = SafetyFilter(self.name, n, self.parameters, np.full(self.kin.nv, 1e4), order=2, dt=dt)
+        safety_filter = SafetyFilter(
+            self.name, n, self.parameters, np.full(self.kin.nv, 1e4), settings=FilterSettings(order=2, dt=dt)
+        )
         heights, rates, bends, falls, within, raw = [], [], [], [], [], []
         for step in range(round(duration / dt)):
             rows = self.rows(step * dt)

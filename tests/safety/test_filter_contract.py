@@ -14,23 +14,25 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import standard_barriers
 from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
-from safety.filters.conditions import BarrierParameters, FamilyParameters
-from safety.filters.resolutions import Resolved
+from safety.filters.conditions import BarrierParameters, FamilyParameters, RowParameters
+from safety.filters.resolution import ResolutionKind, Resolved
 from safety.filters.results import report
 from safety.filters.safety_filter import (
-    CONDITIONS,
     FILTERS,
     KINDS,
     RELAXED,
+    FilterKind,
     FilterResult,
+    FilterSettings,
     FilterStatus,
     SafetyFilter,
     explain,
 )
 from safety.filters.second_order import ecbf_rows, index_rows, without_margin
+from safety.filters.working_set import Problem
 
 SAFE = [(name, order) for name in FILTERS for order in KINDS[name].orders if name != "none"]
-LADDER = [(name, order) for name, order in SAFE if KINDS[name].resolution in {"qp", "two_phase"}]
+LADDER = [(name, order) for name, order in SAFE if KINDS[name].resolution.name in {"qp", "two_phase"}]
 MARGINS: dict[str, float | None] = dict.fromkeys(FAMILIES) | {"custom": 0.05}
 """The filters' own, but for the family that has none: every family is to be inside its margin at times."""
 
@@ -88,12 +90,12 @@ def far(case: Case) -> Case:
     return replace(case, rows=replace(case.rows, h=case.rows.h + 1e3), nominal=0.1 * case.nominal)
 
 
-def make(name: str, order: int, nv: int, n: int, **options: object) -> SafetyFilter:
+def make(kind: str | FilterKind, order: int, nv: int, n: int, **options: Any) -> SafetyFilter:
     bounds = np.full(nv, 3.0)
     if order == 2:
         options = {"order": 2, "velocity_max": np.full(nv, 0.5), "dt": DT} | options
         bounds = np.full(nv, 20.0)
-    return SafetyFilter(name, n, PARAMETERS, bounds, **options)  # type: ignore[arg-type]
+    return SafetyFilter(kind, n, PARAMETERS, bounds, settings=FilterSettings(**options))
 
 
 def apply(safety_filter: SafetyFilter, case: Case, age: float = 0.0) -> FilterResult:
@@ -106,7 +108,9 @@ def conditions_of(name: str, order: int, case: Case) -> HalfSpaces:
     if order == 2:
         rows = (ecbf_rows if name == "ecbf" else index_rows)(rows, case.velocity, p)
         p = without_margin(p)
-    return CONDITIONS[name](rows, p)
+    condition = KINDS[name].condition
+    assert condition is not None
+    return condition(rows, p)
 
 
 def check_honest(name: str, order: int, case: Case, result: FilterResult) -> None:
@@ -292,7 +296,7 @@ def test_rows_of_no_family_are_refused(name: str, order: int, family: float) -> 
     assert apply(safety_filter, case).status != FilterStatus.FAILED
 
 
-PUSHES = [(name, order) for name, order in SAFE if KINDS[name].resolution.startswith("push")]
+PUSHES = [(name, order) for name, order in SAFE if KINDS[name].resolution.acts_when_met]
 
 
 def check_failed(order: int, case: Case, result: FilterResult, cause: str) -> None:
@@ -344,25 +348,39 @@ def test_pushes_without_a_finite_answer_are_refused(name: str, order: int) -> No
     check_failed(order, case, singular, "linear equations have no answer")
     family = FamilyParameters(push_cartesian=1e308, push_joint=1e308, margin=0.1)
     parameters = BarrierParameters(**dict.fromkeys(FAMILIES, family))
-    options = {} if order == 1 else {"order": 2, "dt": DT}
-    hard = SafetyFilter(name, n, parameters, np.full(nv, 20.0), **options)  # type: ignore[arg-type]
+    settings = FilterSettings(order=order, dt=DT)
+    hard = SafetyFilter(name, n, parameters, np.full(nv, 20.0), settings=settings)
     stretched = replace(
         case, rows=replace(case.rows, jac=1e3 * case.rows.jac, cartesian=lambda _: (np.eye(1, nv), np.full(1, 10.0)))
     )
     check_failed(order, case, apply(hard, stretched), "the push is not finite")
 
 
+class Broken:
+    """A resolution that finds an answer with a number that is none."""
+
+    def __init__(self, nv: int, value: float) -> None:
+        self._answer = np.ones(nv)
+        self._answer[3] = value
+
+    def set_parameters(self, parameters: RowParameters) -> None:
+        """None are needed."""
+
+    def resolve(self, problem: Problem, rows: BarrierRows) -> Resolved:
+        return Resolved(self._answer)
+
+
 @pytest.mark.parametrize(("name", "order"), SAFE)
-def test_an_answer_that_is_not_finite_is_refused(name: str, order: int, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_answer_that_is_not_finite_is_refused(name: str, order: int) -> None:
     nv, n = SIZES[0]
     case = random_case(np.random.default_rng(15), nv, n, close=0.3)
-    safety_filter = make(name, order, nv, n)
-    assert apply(safety_filter, case).status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
+    assert apply(make(name, order, nv, n), case).status in {FilterStatus.FILTERED, FilterStatus.RELAXED}
     for value in (np.nan, np.inf):
-        answer = np.ones(nv)
-        answer[3] = value
-        monkeypatch.setattr(safety_filter._resolution, "resolve", lambda *_, v=answer: Resolved(v))
-        check_failed(order, case, apply(safety_filter, case), "the answer is not finite")
+        broken = ResolutionKind(
+            "broken", lambda nv, n_rows, infeasible, x=value: Broken(nv, x), KINDS[name].joint, True
+        )
+        kind = replace(KINDS[name], resolution=broken)
+        check_failed(order, case, apply(make(kind, order, nv, n), case), "the answer is not finite")
 
 
 @pytest.mark.parametrize(("name", "order"), SAFE)
@@ -415,7 +433,7 @@ def test_a_condition_without_a_number_is_never_reported_as_held(status: FilterSt
 def test_a_nominal_input_at_which_a_condition_has_no_number_is_not_passed(name: str) -> None:
     """The gain of the index makes a row overflow that is finite itself."""
     parameters = BarrierParameters(obstacle=FamilyParameters(index_gain=1e10))
-    safety_filter = SafetyFilter(name, 2, parameters, np.full(2, 20.0), order=2, dt=DT)
+    safety_filter = SafetyFilter(name, 2, parameters, np.full(2, 20.0), settings=FilterSettings(order=2, dt=DT))
     family = np.full(2, FAMILIES.index("obstacle"), dtype=np.intp)
     rows = BarrierRows(np.ones(2), np.array([[1e300, -1e300], [0.0, 1.0]]), np.zeros(2), family, np.zeros(2))
     case = Case(rows, np.full(2, 0.5), None, np.array([0.01, 0.01]))
@@ -502,9 +520,9 @@ def test_explanations_name_the_rows() -> None:
         ({"velocity_max": np.ones(3)}, "velocity_max"),
     ],
 )
-def test_options_are_refused_by_name(options: dict[str, object], message: str) -> None:
+def test_options_are_refused_by_name(options: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=message):
-        SafetyFilter("cbf", 1, PARAMETERS, np.ones(35), **({"order": 2} | options))  # type: ignore[arg-type]
+        SafetyFilter("cbf", 1, PARAMETERS, np.ones(35), settings=FilterSettings(**({"order": 2} | options)))
 
 
 def test_exponential_barriers_are_for_accelerations() -> None:

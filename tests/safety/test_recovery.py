@@ -10,7 +10,7 @@ from robots.messages import Array
 from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.conditions import BarrierParameters, FamilyParameters, cbf
 from safety.filters.recovery import Recovery, RecoverySettings
-from safety.filters.safety_filter import FilterResult, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import FilterResult, FilterSettings, FilterStatus, SafetyFilter
 
 DT, ALPHA, DEPTH, SPEED, ACCELERATION = 0.002, 4.0, 0.005, 0.25, 2.0
 SETTINGS = RecoverySettings()
@@ -35,7 +35,7 @@ def rows_of(h: Array, jac: Array, drift: Array | None = None) -> BarrierRows:
 
 
 def filter_of(n: int, nv: int, name: str = "cbf", recovery: RecoverySettings | None = SETTINGS) -> SafetyFilter:
-    return SafetyFilter(name, n, PARAMETERS, np.full(nv, 20.0), dt=DT, recovery=recovery)
+    return SafetyFilter(name, n, PARAMETERS, np.full(nv, 20.0), settings=FilterSettings(dt=DT, recovery=recovery))
 
 
 def leave(safety: SafetyFilter, h: Array, jac: Array, v_des: Array, duration: float) -> tuple[Array, Array]:
@@ -275,9 +275,8 @@ def test_input_that_is_refused_leaves_no_command_to_go_on_from() -> None:
 
 def test_the_papers_baseline_is_not_eased() -> None:
     """Where the nominal velocity is passed on, it is that, not one near the last command."""
-    safety = SafetyFilter(
-        "cbf", 2, PARAMETERS, np.full(2, 20.0), infeasible="unsafe_pass_nominal", dt=DT, recovery=SETTINGS
-    )
+    settings = FilterSettings("unsafe_pass_nominal", dt=DT, recovery=SETTINGS)
+    safety = SafetyFilter("cbf", 2, PARAMETERS, np.full(2, 20.0), settings=settings)
     nominal, jac = np.array([0.3, -0.5]), np.array([[1.0, 0.0], [-1.0, 0.0]])
     for _ in range(3):
         result = safety.apply(rows_of(np.array([-0.1, -0.1]), jac), nominal)
@@ -289,7 +288,7 @@ def test_rows_that_hold_stay_eased_until_they_ask_for_all_they_do_otherwise() ->
     """The lost row is back at once; what the other one asks for then still grows as gradually, and gets there."""
     family = replace(FAMILY, epsilon=25.0)
     parameters = BarrierParameters(**dict.fromkeys(FAMILIES, family))
-    safety = SafetyFilter("issf", 2, parameters, np.full(2, 20.0), dt=DT, recovery=SETTINGS)
+    safety = SafetyFilter("issf", 2, parameters, np.full(2, 20.0), settings=FilterSettings(dt=DT, recovery=SETTINGS))
     jac = np.diag([5.0, 5.0])
     asked = jac[1, 1] ** 2 / family.epsilon
     heights = [np.array([-0.1, 0.0])] + [np.array([0.5, 0.0])] * round(1.5 * asked / (ACCELERATION * DT))

@@ -10,7 +10,7 @@ from robots.messages import Array
 from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.conflict import Candidates, minimal_conflict
-from safety.filters.safety_filter import FilterResult, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import FilterResult, FilterStatus, MetricWeights, SafetyFilter
 from wbc.qp import UNBOUNDED, make_solver
 
 OBSTACLE = FAMILIES.index("obstacle")
@@ -27,7 +27,7 @@ def rows_for(A: Array, b: Array) -> BarrierRows:
 
 def make(name: str, n: int, nv: int, foot_weight: float = 0.0, **parameters: float) -> SafetyFilter:
     family = FamilyParameters(eta=ETA, **parameters)
-    return SafetyFilter(name, n, BarrierParameters(obstacle=family), np.full(nv, V_MAX), foot_weight)
+    return SafetyFilter(name, n, BarrierParameters(obstacle=family), np.full(nv, V_MAX), MetricWeights(foot_weight))
 
 
 def degenerate(kind: str, A: Array, b: Array, v: Array) -> tuple[Array, Array]:
@@ -281,7 +281,7 @@ def push_case(seed: int = 30, nv: int = 7) -> tuple[BarrierRows, Array, Array, A
 def run_push(name: str, rows: BarrierRows, v_des: Array, feet: Array | None = None, push: float = 0.2) -> FilterResult:
     family = FamilyParameters(push_cartesian=push, push_joint=push)
     nv = v_des.size
-    safety_filter = SafetyFilter(name, 3, BarrierParameters(obstacle=family), np.full(nv, 50.0), 4.0)
+    safety_filter = SafetyFilter(name, 3, BarrierParameters(obstacle=family), np.full(nv, 50.0), MetricWeights(4.0))
     return safety_filter.apply(rows, v_des, feet)
 
 

@@ -13,7 +13,15 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import BarrierSet, standard_barriers
 from safety.barriers.rows import FAMILIES, BarrierRows, HalfSpaces
 from safety.filters.conditions import BarrierParameters, FamilyParameters
-from safety.filters.safety_filter import ACTIVE, CONDITIONS, FILTERS, KINDS, FilterResult, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import (
+    ACTIVE,
+    FILTERS,
+    KINDS,
+    FilterResult,
+    FilterStatus,
+    MetricWeights,
+    SafetyFilter,
+)
 from wbc.qp import UNBOUNDED
 
 PARAMETERS = BarrierParameters(
@@ -72,7 +80,9 @@ def contradictory(rows: BarrierRows, joint: int = 3, depth: float = 0.5) -> Barr
 
 
 def conditions_of(name: str, rows: BarrierRows) -> HalfSpaces:
-    spaces = CONDITIONS[name](rows, PARAMETERS.of_rows(rows.family, KINDS[name].margins))
+    condition = KINDS[name].condition
+    assert condition is not None
+    spaces = condition(rows, PARAMETERS.of_rows(rows.family, KINDS[name].margins))
     return replace(spaces, b=np.where(spaces.active, spaces.b, -UNBOUNDED))
 
 
@@ -292,7 +302,7 @@ def test_unknown_filter_and_bad_weight_are_refused_by_name() -> None:
         SafetyFilter("cbf2", 1, PARAMETERS, np.ones(2))
     for weight in ("foot_weight", "balance_weight"):
         with pytest.raises(ConfigError, match=rf"{weight} = -1"):
-            SafetyFilter("cbf", 1, PARAMETERS, np.ones(2), **{weight: -1})
+            SafetyFilter("cbf", 1, PARAMETERS, np.ones(2), MetricWeights(**{weight.removesuffix("_weight"): -1}))
 
 
 def test_bounds_given_to_a_filter_may_change_afterwards() -> None:
@@ -303,7 +313,7 @@ def test_bounds_given_to_a_filter_may_change_afterwards() -> None:
     assert kept.apply(none, np.full(2, 0.5)).status == FilterStatus.UNCHANGED
 
 
-def test_conditions_that_are_not_active_do_not_bind(robot: RobotDescription, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_conditions_that_are_not_active_do_not_bind(robot: RobotDescription) -> None:
     """A filter whose condition leaves a violated row out: as if the row were not there, slack and count included."""
     nv = 6 + len(robot.joints)
     rng = np.random.default_rng(5)
@@ -325,8 +335,8 @@ def test_conditions_that_are_not_active_do_not_bind(robot: RobotDescription, mon
     bounds = np.full(nv, 100.0)
     results = []
     for condition, given in ((partly, rows), (wholly, fewer)):
-        monkeypatch.setitem(CONDITIONS, "cbf", condition)
-        results.append(SafetyFilter("cbf", given.h.size, PARAMETERS, bounds).apply(given, v_des))
+        kind = replace(KINDS["cbf"], condition=condition)
+        results.append(SafetyFilter(kind, given.h.size, PARAMETERS, bounds).apply(given, v_des))
     np.testing.assert_allclose(results[0].v, results[1].v, rtol=0, atol=1e-9)
     assert results[0].active == results[1].active
     assert results[0].slack == pytest.approx(results[1].slack, abs=1e-9)

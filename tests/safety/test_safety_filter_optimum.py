@@ -14,7 +14,7 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.barriers.rows import BarrierRows, HalfSpaces
 from safety.filters.conditions import BarrierParameters, FamilyParameters
-from safety.filters.safety_filter import CONDITIONS, KINDS, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import KINDS, FilterStatus, MetricWeights, SafetyFilter
 from safety.geometry.shapes import Obstacle
 from wbc.qp import UNBOUNDED, make_solver
 
@@ -51,7 +51,9 @@ def rows_with(kin: Kinematics, barriers: BarrierSet, q: Array, obstacle: Obstacl
 
 
 def conditions_of(name: str, rows: BarrierRows) -> HalfSpaces:
-    return CONDITIONS[name](rows, PARAMETERS.of_rows(rows.family, KINDS[name].margins))
+    condition = KINDS[name].condition
+    assert condition is not None
+    return condition(rows, PARAMETERS.of_rows(rows.family, KINDS[name].margins))
 
 
 def random_case(kin: Kinematics, barriers: BarrierSet, rng: np.random.Generator) -> tuple[BarrierRows, Array]:
@@ -95,7 +97,7 @@ def test_the_velocity_is_a_second_solvers(
     name: str, weight: float, kin: Kinematics, barriers: BarrierSet, v_max: Array
 ) -> None:
     rng = np.random.default_rng(1)
-    safety_filter = SafetyFilter(name, barriers.size, PARAMETERS, v_max, weight)
+    safety_filter = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(weight))
     compared = 0
     for _ in range(8):
         rows, v_des = random_case(kin, barriers, rng)
@@ -115,7 +117,7 @@ def test_one_row_alone_has_the_closed_form(name: str) -> None:
     rng = np.random.default_rng(2)
     feet = rng.normal(size=(4, 6))
     for weight in (0.0, 10.0):
-        one = SafetyFilter(name, 1, PARAMETERS, np.full(6, 1e3), weight)
+        one = SafetyFilter(name, 1, PARAMETERS, np.full(6, 1e3), MetricWeights(weight))
         rows = BarrierRows(np.array([0.01]), rng.normal(size=(1, 6)), np.zeros(1), np.full(1, 3, dtype=np.intp))
         spaces = conditions_of(name, rows)
         a, b = spaces.A[0], spaces.b[0]
@@ -130,8 +132,8 @@ def test_no_feet_and_no_weight_are_the_same_problem(
     name: str, kin: Kinematics, barriers: BarrierSet, v_max: Array
 ) -> None:
     rows, v_des = random_case(kin, barriers, np.random.default_rng(3))
-    without = SafetyFilter(name, barriers.size, PARAMETERS, v_max, 0.0)
-    weighted = SafetyFilter(name, barriers.size, PARAMETERS, v_max, 1e3)
+    without = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(0.0))
+    weighted = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(1e3))
     expected = without.apply(rows, v_des).v
     for result in (without.apply(rows, v_des, foot_jacobian(kin)), weighted.apply(rows, v_des)):
         np.testing.assert_allclose(result.v, expected, rtol=0, atol=1e-8)
@@ -143,8 +145,8 @@ def test_feet_and_balance_are_two_weights_of_one_objective(
 ) -> None:
     rows, v_des = random_case(kin, barriers, np.random.default_rng(7))
     feet, balance = foot_jacobian(kin), np.random.default_rng(8).normal(scale=0.3, size=(6, kin.nv))
-    both = SafetyFilter(name, barriers.size, PARAMETERS, v_max, foot_weight=40.0, balance_weight=90.0)
-    one = SafetyFilter(name, barriers.size, PARAMETERS, v_max, foot_weight=1.0)
+    both = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(40.0, 90.0))
+    one = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(1.0))
     expected = one.apply(rows, v_des, np.vstack([np.sqrt(40.0) * feet, np.sqrt(90.0) * balance]))
     result = both.apply(rows, v_des, feet, balance)
     assert result.status == expected.status == FilterStatus.FILTERED
@@ -208,7 +210,7 @@ def test_among_least_violations_the_velocity_nearest_to_the_nominal_is_taken(
     rng = np.random.default_rng(5)
     rows, v_des = random_case(kin, barriers, rng)
     rows, feet = overly_tight(kin, rows, rng), foot_jacobian(kin)
-    result = SafetyFilter(name, barriers.size, PARAMETERS, v_max, 10.0).apply(rows, v_des, feet)
+    result = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(10.0)).apply(rows, v_des, feet)
     assert result.status == FilterStatus.RELAXED
     spaces = conditions_of(name, rows)
     # nearest under the rows relaxed by that: the cost's gradient is a non-negative sum of sides at their limit
@@ -238,7 +240,7 @@ def test_stance_feet_stay_where_an_obstacle_pushes_the_torso(
     rows = rows_with(kin, barriers, standing_configuration(kin.robot), obstacle_before_the_torso(kin))
     feet, still, speed = foot_jacobian(kin), np.zeros(kin.nv), []
     for weight in (0.0, 1.0, 1e1, 1e2, 1e3, 1e4):
-        result = SafetyFilter(name, barriers.size, PARAMETERS, v_max, weight).apply(rows, still, feet)
+        result = SafetyFilter(name, barriers.size, PARAMETERS, v_max, MetricWeights(weight)).apply(rows, still, feet)
         assert result.status == FilterStatus.FILTERED
         assert result.slack <= 1e-8
         # the torso gives way all the same

@@ -8,7 +8,7 @@ import pytest
 from robots.messages import Array
 from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.conditions import NO_MARGINS, BarrierParameters, FamilyParameters, RowParameters, cbf
-from safety.filters.safety_filter import FILTERS, KINDS, FilterStatus, SafetyFilter
+from safety.filters.safety_filter import FILTERS, KINDS, FilterSettings, FilterStatus, SafetyFilter
 from safety.filters.second_order import acceleration_bounds, ecbf, ecbf_rows, index_rows, without_margin
 
 OBSTACLE = FAMILIES.index("obstacle")
@@ -119,7 +119,9 @@ def test_bounds_keep_velocity_after_a_step_and_brake_what_is_too_fast() -> None:
 
 def make(name: str, n: int) -> SafetyFilter:
     family = FamilyParameters(margin=0.05, index_gain=0.3, push_joint=60.0, push_cartesian=10.0, slack_weight=1e4)
-    return SafetyFilter(name, n, BarrierParameters(obstacle=family), np.full(3, 20.0), order=2, dt=DT)
+    return SafetyFilter(
+        name, n, BarrierParameters(obstacle=family), np.full(3, 20.0), settings=FilterSettings(order=2, dt=DT)
+    )
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -140,4 +142,4 @@ def test_a_point_thrown_at_a_sphere_stops_before_it(name: str) -> None:
         lowest[chosen] = min(heights)
     assert lowest["none"] < -0.1
     # the index reaches zero on a straight line h + k h_dot = margin, so h never passes the margin
-    assert lowest[name] > (0.05 if KINDS[name].resolution.endswith("qp") or name == "pssa" else 0.04)
+    assert lowest[name] > (0.05 if KINDS[name].resolution.name.endswith("qp") or name == "pssa" else 0.04)

@@ -312,7 +312,7 @@ def test_any_memory_layout_gives_the_same_answer() -> None:
 
 
 def stack(kin: Kinematics, sigma_min: float = CUT) -> KinWbc:
-    """The whole-body stack: feet, centre of mass, base and torso orientation, hands, posture."""
+    """The whole-body stack: feet, centre of mass, base and torso orientation, hands, posture; sent to the origin."""
     gains, roles = TaskGains(8.0), kin.robot.roles
     frame = {role: kin.frame_id(name) for role, name in roles.items()}
     levels: list[list[Task]] = [
@@ -322,7 +322,18 @@ def stack(kin: Kinematics, sigma_min: float = CUT) -> KinWbc:
         [FramePositionTask(frame["left_hand"], gains), FramePositionTask(frame["right_hand"], gains)],
         [PostureTask(kin.nv - 6, gains)],
     ]
+    for task in (task for level in levels for task in level):
+        to_the_origin(task)
     return KinWbc(kin.nv, levels, sigma_min)
+
+
+def to_the_origin(task: Task) -> None:
+    if isinstance(task, FramePoseTask):
+        task.set_target(np.zeros(3), np.eye(3))
+    elif isinstance(task, FrameOrientationTask):
+        task.set_target(np.eye(3))
+    else:
+        task.set_target(np.zeros(task.rows))
 
 
 def random_configuration(kin: Kinematics, rng: np.random.Generator) -> Array:
@@ -471,7 +482,7 @@ def test_evaluate_stacks_the_tasks_of_a_level_in_order(kin: Kinematics) -> None:
     gains = TaskGains(5.0)
     com = CenterOfMassTask(gains)
     hand, other = (FramePositionTask(kin.frame_id(kin.robot.roles[r]), gains) for r in ("left_hand", "right_hand"))
-    com.position, hand.position = np.array([0.1, 0.2, 0.3]), np.array([0.4, 0.5, 0.6])
+    com.position, hand.position, other.position = np.arange(9.0).reshape(3, 3)
     (jacobian, command), (single, _) = KinWbc(kin.nv, [[com, hand], [other]]).evaluate(kin)
     np.testing.assert_array_equal(jacobian, np.vstack([com.evaluate(kin)[0], hand.evaluate(kin)[0]]))
     np.testing.assert_array_equal(command, np.concatenate([com.evaluate(kin)[1], hand.evaluate(kin)[1]]))

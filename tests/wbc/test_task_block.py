@@ -37,10 +37,10 @@ def moving(robot: RobotDescription) -> Kinematics:
 def all_kinds(kin: Kinematics, rng: np.random.Generator) -> list[list[Task]]:
     """Levels with every kind of task, their references drawn."""
     frame = {role: kin.frame_id(name) for role, name in kin.robot.roles.items()}
-    pose, com = FramePoseTask(frame["left_sole"], GAINS, TaskGains(4.0, 0.3, 33.0)), CenterOfMassTask(GAINS)
+    pose = FramePoseTask(frame["left_sole"], GAINS, TaskGains(4.0, 0.3, 33.0), compensate_bias=True)
+    com = CenterOfMassTask(GAINS, compensate_bias=True)
     turn, point = FrameOrientationTask(frame["torso"], GAINS), FramePositionTask(frame["right_hand"], GAINS)
     posture = PostureTask(kin.nv - 6, GAINS)
-    pose.without_drift = com.without_drift = True
     pose.position, pose.rotation = rng.normal(size=3), pin.rpy.rpyToMatrix(rng.normal(size=3))
     pose.velocity, pose.acceleration = rng.normal(size=6), rng.normal(size=6)
     com.position, com.velocity, com.acceleration = rng.normal(size=(3, 3))

@@ -186,7 +186,7 @@ def walking_changes(robot: RobotDescription, load_estimate: bool = True) -> dict
     tuning, base = walk_tuning(robot), controller_config(robot)
     return {
         "gain_scale": tuning.gain_scale,
-        "without_drift": True,
+        "compensate_bias": True,
         "balance": dataclasses.replace(base.balance, load_time=tuning.load_estimate_time if load_estimate else 0.0),
         "dynwbc": dataclasses.replace(base.dynwbc, force=tuning.force_weight, moment=tuning.moment_weight),
     }

@@ -96,7 +96,7 @@ class Table:
 
     @property
     def labels(self) -> int:
-        """Number of leading columns that name what a row is of: those of words, and some more if they tell rows apart."""
+        """Number of leading columns that name what a row is of: those of words, and more where they tell rows apart."""
         leading = next((i for i, column in enumerate(self.columns) if not column.words), len(self.columns))
         least = max(leading, 1)
         most = min(least + MORE_LABELS, len(self.columns))

@@ -6,7 +6,7 @@ import numpy as np
 
 from robots.checks import all_finite, require_positive
 from robots.errors import ConfigError
-from robots.messages import Array
+from robots.messages import Array, RobotState
 
 
 class KinematicModel(Protocol):
@@ -63,6 +63,19 @@ class KinematicPlant:
         self.q = np.array(q0, dtype=float)
         self.v = np.zeros(model.nv)
         self.time = 0.0
+        self._command = np.zeros(model.nv)
+
+    def state(self) -> RobotState:
+        """See :meth:`robots.ports.Body.state`: exact; there are no motors to have a torque."""
+        return RobotState(self.q, self.v, np.empty(0), self.time)
+
+    def send(self, command: Array) -> None:
+        """See :meth:`robots.ports.Body.send`: ``command`` (nv,) is a velocity or an acceleration, by the order."""
+        self._command = command
+
+    def advance(self, dt: float) -> None:
+        """See :meth:`robots.ports.Body.advance`; :meth:`step` under the last command."""
+        self.step(self._command, dt)
 
     def step(self, command: Array, dt: float) -> None:
         """Move on by ``dt`` [s] under ``command`` (nv,): velocity or acceleration, by the plant's order.

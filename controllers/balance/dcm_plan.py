@@ -101,10 +101,10 @@ class DcmPlan:
             if elapsed < span:
                 growth = math.exp(omega * elapsed)
                 x, y = grow_x * growth, grow_y * growth
-                position = ax + sx * elapsed + sx / omega + x, ay + sy * elapsed + sy / omega + y
-                return *position, sx + omega * x, sy + omega * y
+                px, py = ax + sx * elapsed + sx / omega + x, ay + sy * elapsed + sy / omega + y
+                return px, py, sx + omega * x, sy + omega * y
             elapsed -= span
-        return *self._rest, 0.0, 0.0
+        return self._rest[0], self._rest[1], 0.0, 0.0
 
 
 def waypoint(

@@ -1,7 +1,7 @@
 """Where and when a foot has to come down, for a robot that was pushed."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from controllers.gaits.footholds import Foothold
 from controllers.gaits.walking.footsteps import StepLimits
@@ -38,6 +38,11 @@ class StepAdjustment:
     omega: float
     zmp_range: tuple[float, float]
     double_support: float
+    _effect: float = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        transfer = self.omega * self.double_support
+        object.__setattr__(self, "_effect", (1.0 - math.exp(-transfer)) / transfer)
 
     def shift(
         self, dcm: Array, stance: Foothold, dcm_at_touchdown: Array, time_to_touchdown: float
@@ -56,13 +61,11 @@ class StepAdjustment:
         ex = rx + growth * (x - rx) - planned_x
         ey = ry + growth * (y - ry) - planned_y
         c, s = math.cos(stance.yaw), math.sin(stance.yaw)
-        transfer = self.omega * self.double_support
-        fraction = (1.0 - math.exp(-transfer)) / transfer
-        forward, sideways = self.zmp_range
-        return (
-            _beyond(c * ex + s * ey, (growth - 1.0) * forward) / fraction,
-            _beyond(c * ey - s * ex, (growth - 1.0) * sideways) / fraction,
-        )
+        forward, sideways = c * ex + s * ey, c * ey - s * ex
+        most_forward, most_sideways = (growth - 1.0) * self.zmp_range[0], (growth - 1.0) * self.zmp_range[1]
+        if abs(forward) <= most_forward and abs(sideways) <= most_sideways:
+            return 0.0, 0.0
+        return _beyond(forward, most_forward) / self._effect, _beyond(sideways, most_sideways) / self._effect
 
     def adjust(
         self,
@@ -108,6 +111,6 @@ class StepAdjustment:
         return best, best_time
 
 
-def _beyond(error: float, reach: float) -> float:
-    """The part of an error that is left when ``reach`` of it is taken back."""
-    return math.copysign(max(abs(error) - reach, 0.0), error)
+def _beyond(error: float, most: float) -> float:
+    """The part of an error that is left when ``most`` of it is taken back."""
+    return math.copysign(max(abs(error) - most, 0.0), error)

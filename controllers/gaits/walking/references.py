@@ -7,11 +7,12 @@ import numpy as np
 from controllers.balance.dcm_plan import DcmReference
 from controllers.gaits.foot_state import BodyKinematics, Feet
 from controllers.gaits.footholds import LEFT, RIGHT
+from controllers.gaits.walking.swing_path import FootMotion
 from controllers.reference import PointReference, WholeBodyReference
 from robots.messages import Array, Mask
 
-Swing = tuple[int, Array]
-"""Which foot is in the air, and its x, y, height, yaw, their rates, their second rates: shape (3, 4)."""
+Swing = tuple[int, FootMotion]
+"""Which foot is in the air, and its motion."""
 
 
 def _constant(array: np.ndarray) -> np.ndarray:
@@ -70,31 +71,31 @@ class WalkingReferences:
             load_limits: shape (2,) largest fraction of the weight on each foot.
         """
         reference.dcm, reference.load_limits = dcm, load_limits
-        for foot in (LEFT, RIGHT):
-            point = reference.soles[foot]
-            point.position, point.velocity, point.acceleration = feet.centres[foot], STILL, STILL
-        yaws = feet.yaws
         if swing is None:
+            _stand(reference.soles[LEFT], feet.centres[LEFT])
+            _stand(reference.soles[RIGHT], feet.centres[RIGHT])
             reference.in_contact, reference.sole_turns, reference.turn_rate = BOTH_FEET, NO_TURNS, 0.0
+            yaws = feet.yaws
         else:
-            yaws = self._write_swing(reference, yaws, *swing)
+            yaws = self._write_step(reference, feet, *swing)
         reference.sole_rotations = (self._soles[LEFT].at(yaws[LEFT]), self._soles[RIGHT].at(yaws[RIGHT]))
         reference.base_rotation, reference.torso_rotation = self._turned(_mean_angle(*yaws))
         self._write_com(reference, t, dcm, feet.com_height + feet.height)
 
-    def _write_swing(
-        self, reference: WholeBodyReference, yaws: tuple[float, float], foot: int, path: Array
+    def _write_step(
+        self, reference: WholeBodyReference, feet: Feet, foot: int, motion: FootMotion
     ) -> tuple[float, float]:
-        """The foot in the air; returns the directions of both, that of ``foot`` replaced."""
+        """One foot on the ground and ``foot`` in the air; returns the directions of both [rad]."""
+        _stand(reference.soles[1 - foot], feet.centres[1 - foot])
         point = reference.soles[foot]
-        point.position, point.velocity, point.acceleration = path[:, :3]
-        yaw, rate, second_rate = path[:, 3].tolist()
-        turns = np.zeros((2, 2))
-        turns[foot] = rate, second_rate
-        reference.in_contact, reference.sole_turns = ONE_FOOT[foot], turns
+        point.position, point.velocity, point.acceleration, yaw, rate, second_rate = motion
         # base and torso turn with the mean of the feet
-        reference.turn_rate = 0.5 * rate
-        return (yaw, yaws[RIGHT]) if foot == LEFT else (yaws[LEFT], yaw)
+        reference.in_contact, reference.turn_rate = ONE_FOOT[foot], 0.5 * rate
+        if foot == LEFT:
+            reference.sole_turns = np.array([[rate, second_rate], [0.0, 0.0]])
+            return yaw, feet.footholds[RIGHT].yaw
+        reference.sole_turns = np.array([[0.0, 0.0], [rate, second_rate]])
+        return feet.footholds[LEFT].yaw, yaw
 
     def _turned(self, heading: float) -> Array:
         """Rotations of base and torso at a heading [rad], (2, 3, 3): the same array for as long as it is the same."""
@@ -110,7 +111,8 @@ class WalkingReferences:
         velocity = np.array([omega * (x - cx), omega * (y - cy), 0.0])
         decay = math.exp(-omega * dt)
         self._com = cx, cy = x + (cx - x) * decay, y + (cy - y) * decay
-        reference.com = PointReference(np.array([cx, cy, height]), velocity, STILL)
+        point = reference.com
+        point.position, point.velocity, point.acceleration = np.array([cx, cy, height]), velocity, STILL
 
 
 class _SharedRotation:
@@ -123,6 +125,10 @@ class _SharedRotation:
         if yaw != self._yaw:
             self._yaw, self._rotation = yaw, _constant(_about_z(yaw))
         return self._rotation
+
+
+def _stand(point: PointReference, place: Array) -> None:
+    point.position, point.velocity, point.acceleration = place, STILL, STILL
 
 
 def _mean_angle(a: float, b: float) -> float:

@@ -2,6 +2,7 @@
 
 import copy
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,6 +12,26 @@ from robots.messages import Array
 
 PEAK_ACCELERATION = 10.0 / math.sqrt(3.0)
 """Of a quintic from rest to rest, over its length and per square of its duration."""
+
+
+class FootMotion(NamedTuple):
+    """A foot in the air at one instant.
+
+    Attributes:
+        position: shape (3,) of the sole's centre [m].
+        velocity: shape (3,) [m/s].
+        acceleration: shape (3,) [m/s^2].
+        yaw: direction of the sole [rad].
+        turn_rate: its rate [rad/s].
+        turn_acceleration: its second rate [rad/s^2].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+    yaw: float
+    turn_rate: float
+    turn_acceleration: float
 
 
 class SwingPath:
@@ -88,9 +109,10 @@ class SwingPath:
     def _height(self, t: float) -> Array:
         return self._up.evaluate(t - self._up_since) if t < self._top_at else self._down.evaluate(t - self._top_at)
 
-    def evaluate(self, t: float) -> Array:
-        """Position, velocity, acceleration at ``t`` [s]: the rows of a new array (3, 4) of x, y, height, yaw."""
-        flat, out = self._flat.evaluate(t - self._flat_since), np.empty((3, 4))
-        out[:, :2], out[:, 3] = flat[:, :2], flat[:, 2]
-        out[:, 2] = self._height(t)[:, 0]
-        return out
+    def evaluate(self, t: float) -> FootMotion:
+        """Where the foot is at ``t`` [s], and how it moves; new arrays."""
+        # by way of plain floats: assignments to columns would cost more than both polynomials
+        (x, y, yaw), (vx, vy, rate), (ax, ay, second_rate) = self._flat.evaluate(t - self._flat_since).tolist()
+        (z,), (vz,), (az,) = self._height(t).tolist()
+        position, velocity, acceleration = np.array([x, y, z, vx, vy, vz, ax, ay, az]).reshape(3, 3)
+        return FootMotion(position, velocity, acceleration, yaw, rate, second_rate)

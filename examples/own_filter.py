@@ -1,6 +1,6 @@
 """A filter of one's own: a CBF that comes near no faster than it could brake, with a parameter of its own.
 
-    python examples/own_filter.py
+python examples/own_filter.py
 """
 
 from dataclasses import dataclass

@@ -1,6 +1,6 @@
 """A task of one's own: the height of the left hand, below balance and torso and above the posture.
 
-    python examples/own_task.py
+python examples/own_task.py
 """
 
 from collections.abc import Sequence

@@ -14,6 +14,7 @@ from controllers.supervisor import Supervisor as Supervisor
 from controllers.whole_body.config import ControllerConfig as ControllerConfig
 from controllers.whole_body.controller import WholeBodyController as WholeBodyController
 from controllers.whole_body.robot_config import controller_config as controller_config
+from controllers.whole_body.task_stack import PlacedTask as PlacedTask
 from experiments.recording.recording import RunResult as RunResult, load_result as load_result
 from experiments.running.loop import ClosedLoop as ClosedLoop, Observer as Observer
 from robots.description import RobotDescription as RobotDescription
@@ -27,7 +28,7 @@ from robots.pinocchio_model import (
     upper_body_joints as upper_body_joints,
 )
 from robots.ports import Body as Body
-from safety.barriers.barrier import Barrier as Barrier, CollisionBodies as CollisionBodies
+from safety.barriers.barrier import Barrier as Barrier
 from safety.barriers.barrier_set import standard_barriers as standard_barriers
 from safety.barriers.obstacles import ObstacleBarrier as ObstacleBarrier
 from safety.filters.conditions import BarrierParameters as BarrierParameters, FamilyParameters as FamilyParameters
@@ -40,12 +41,11 @@ from sims.obstacles import PassingSphere as PassingSphere, PositionSensor as Pos
 from sims.plant import MujocoPlant as MujocoPlant, PlantConfig as PlantConfig, SensorNoise as SensorNoise
 from wbc.dynwbc import DynWbc as DynWbc
 from wbc.kinwbc import KinWbc as KinWbc
-from wbc.tasks import (
-    CenterOfMassTask as CenterOfMassTask,
+from wbc.tasks.center_of_mass import CenterOfMassTask as CenterOfMassTask
+from wbc.tasks.frames import (
     FrameOrientationTask as FrameOrientationTask,
     FramePoseTask as FramePoseTask,
     FramePositionTask as FramePositionTask,
-    PostureTask as PostureTask,
-    Task as Task,
-    TaskGains as TaskGains,
 )
+from wbc.tasks.posture import PostureTask as PostureTask
+from wbc.tasks.task import Task as Task, TaskGains as TaskGains

@@ -9,6 +9,8 @@ from typing import Any
 
 import pytest
 
+from safety.filters.registry import KINDS, unregister
+
 ROOT = Path(__file__).resolve().parents[1]
 FOLDER = ROOT / "examples"
 SCRIPTS = sorted(FOLDER.glob("*.py"))
@@ -20,7 +22,9 @@ PROMISES: dict[str, tuple[dict[str, Any], Callable[[Any], bool]]] = {
     "moving_obstacle": ({"duration": 3.0}, lambda found: found[0] > 0.0 and found[1] < 150.0),
     "own_barrier": ({"duration": 1.5}, lambda smallest: -2.0 < smallest < 10.0),
     "own_body": ({"duration": 0.5}, lambda error: error < 10.0),
+    "own_filter": ({"duration": 3.0}, lambda smallest: smallest > -1.0),
     "own_robot": ({"duration": 0.5}, lambda height: abs(height - 0.9) < 0.01),
+    "own_task": ({"duration": 2.0}, lambda error: error < 15.0),
     "pushes": ({"duration": 1.8, "forces": (50.0, 600.0)}, lambda found: found[0][0] > 0.95 and found[1][0] < 0.6),
     "stand": ({"duration": 1.0}, lambda error: error < 10.0),
     "walk_by_commands": ({"duration": 3.0}, lambda found: found[0] > 0.2 and found[1] >= 3),
@@ -35,7 +39,12 @@ def test_every_script_makes_a_promise() -> None:
 @pytest.mark.parametrize("name", PROMISES)
 def test_a_script_runs_and_keeps_its_promise(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, holds = PROMISES[name]
-    found = runpy.run_path(str(FOLDER / f"{name}.py"))["main"](**arguments)
+    known = set(KINDS)
+    try:
+        found = runpy.run_path(str(FOLDER / f"{name}.py"))["main"](**arguments)
+    finally:
+        for own in set(KINDS) - known:
+            unregister(own)
     printed = capsys.readouterr().out
     assert re.search(r"\d", printed), "nothing that one could judge"
     assert holds(found), printed

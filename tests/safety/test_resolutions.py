@@ -11,18 +11,13 @@ from safety.barriers.rows import FAMILIES, BarrierRows
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.conflict import Candidates, minimal_conflict
 from safety.filters.safety_filter import FilterResult, FilterStatus, MetricWeights, SafetyFilter
+from tests.support.rows import rows_demanding
 from wbc.qp import UNBOUNDED, make_solver
 
 OBSTACLE = FAMILIES.index("obstacle")
 V_MAX = 2.0
 ETA = 0.5
 KINDS_OF_PROBLEM = ("plain", "duplicate", "zero", "opposite", "scaled")
-
-
-def rows_for(A: Array, b: Array) -> BarrierRows:
-    """Rows inside every margin on which SSA demands A v >= b."""
-    n = b.size
-    return BarrierRows(np.full(n, -0.1), A, ETA - b, np.full(n, OBSTACLE, dtype=np.intp))
 
 
 def make(name: str, n: int, nv: int, foot_weight: float = 0.0, **parameters: float) -> SafetyFilter:
@@ -95,7 +90,7 @@ def test_the_nearest_velocity_is_a_second_solvers_and_optimal(kind: str, name: s
     for _ in range(250):
         A, b, v_des = feasible(kind, rng)
         feet = rng.normal(size=(2, 4))
-        result = kept.apply(rows_for(A, b), v_des, feet)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des, feet)
         hessian = np.eye(4) + 5.0 * feet.T @ feet
         assert result.status in {FilterStatus.UNCHANGED, FilterStatus.FILTERED}
         np.testing.assert_allclose(result.v, explicit(hessian, v_des, A, b, None)[0], rtol=0, atol=1e-6)
@@ -115,7 +110,7 @@ def test_rows_that_no_solver_saw_would_change_nothing(nv: int, close: int) -> No
         A, v = rng.normal(scale=0.3, size=(n, nv)), rng.uniform(-1, 1, nv)
         room = np.where(np.arange(n) < close, rng.uniform(0, 0.2, n), 5.0)
         b, v_des = A @ v - room, v + rng.normal(scale=2.0, size=nv)
-        result = kept.apply(rows_for(A, b), v_des)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des)
         assert result.status == FilterStatus.FILTERED
         lower, upper = np.append(np.full(nv, -V_MAX), b), np.append(np.full(nv, V_MAX), np.full(n, UNBOUNDED))
         solution = full.solve(hessian, -v_des, A, lower, upper)
@@ -136,7 +131,7 @@ def test_relaxed_conditions_have_the_least_sum_of_squares_of_a_second_solver() -
     kept = make("pssa", 9, 4)
     for _ in range(200):
         A, b, v_des = infeasible(rng)
-        result = kept.apply(rows_for(A, b), v_des)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des)
         assert result.status == FilterStatus.RELAXED
         _, slack = explicit(np.eye(4), v_des, A, b, 1.0, pull=0.0)
         own = np.maximum(0.0, b - A @ result.v)
@@ -151,7 +146,7 @@ def test_projection_is_plain_ssa_where_that_has_an_answer() -> None:
     rng = np.random.default_rng(21)
     for kind in KINDS_OF_PROBLEM:
         A, b, v_des = feasible(kind, rng)
-        one, two = (make(name, 9, 4).apply(rows_for(A, b), v_des) for name in ("ssa", "pssa"))
+        one, two = (make(name, 9, 4).apply(rows_demanding(A, b, ETA), v_des) for name in ("ssa", "pssa"))
         assert one.status == two.status
         np.testing.assert_array_equal(one.v, two.v)
 
@@ -163,7 +158,7 @@ def test_weighted_slack_is_equation_10_with_explicit_slack_variables(weight: flo
     for i in range(200):
         A, b, v_des = infeasible(rng) if i % 2 else feasible(KINDS_OF_PROBLEM[i // 2 % 5], rng)
         feet = rng.normal(size=(2, 4))
-        result = kept.apply(rows_for(A, b), v_des, feet)
+        result = kept.apply(rows_demanding(A, b, ETA), v_des, feet)
         # half of |v - v_des|^2 + 1/2 Q |s|^2
         other, slack = explicit(np.eye(4) + 5.0 * feet.T @ feet, v_des, A, b, 0.5 * weight)
         np.testing.assert_allclose(result.v, other, rtol=0, atol=1e-6)
@@ -174,7 +169,7 @@ def test_one_weighted_row_has_the_closed_form() -> None:
     """|v - v_des|^2 + Q/2 s^2 with s = b - a v: v = v_des + a (Q/2) s, so s (1 + Q/2 |a|^2) = b - a v_des."""
     a, b, v_des = np.array([[0.6, -0.3]]), np.array([0.4]), np.array([-0.5, 0.2])
     for weight in (1.0, 10.0):
-        result = make("rssa", 1, 2, slack_weight=weight).apply(rows_for(a, b), v_des)
+        result = make("rssa", 1, 2, slack_weight=weight).apply(rows_demanding(a, b, ETA), v_des)
         slack = (b - a @ v_des)[0] / (1 + 0.5 * weight * (a @ a.T)[0, 0])
         assert result.slack == pytest.approx(slack, abs=1e-9)
         assert result.status == FilterStatus.RELAXED
@@ -183,7 +178,7 @@ def test_one_weighted_row_has_the_closed_form() -> None:
 
 def test_weights_of_slack_belong_to_their_family() -> None:
     A, b = np.array([[1.0], [-1.0]]), np.array([1.0, 1.0])
-    rows = replace(rows_for(A, b), family=np.array([1, OBSTACLE], dtype=np.intp))
+    rows = replace(rows_demanding(A, b, ETA), family=np.array([1, OBSTACLE], dtype=np.intp))
     parameters = BarrierParameters(
         self_collision=FamilyParameters(eta=ETA, slack_weight=30.0),
         obstacle=FamilyParameters(eta=ETA, slack_weight=10.0),
@@ -197,9 +192,12 @@ def test_weighted_slack_becomes_projection_as_the_weight_grows() -> None:
     rng = np.random.default_rng(23)
     for _ in range(20):
         A, b, v_des = infeasible(rng)
-        limit = make("pssa", 9, 4).apply(rows_for(A, b), v_des).v
+        limit = make("pssa", 9, 4).apply(rows_demanding(A, b, ETA), v_des).v
         weights = 10.0 ** np.arange(2, 8)
-        off = [np.abs(make("rssa", 9, 4, slack_weight=w).apply(rows_for(A, b), v_des).v - limit).max() for w in weights]
+        off = [
+            np.abs(make("rssa", 9, 4, slack_weight=w).apply(rows_demanding(A, b, ETA), v_des).v - limit).max()
+            for w in weights
+        ]
         # the error of a penalty falls as the inverse of its weight
         assert off[-1] < 1e-4
         assert off[-1] < 1.1e-2 * off[-3] + 1e-7
@@ -228,7 +226,7 @@ def test_conflicts_are_minimal(name: str) -> None:
         if i % 2:
             # rows that each ask for more than the bounds allow, or together do
             A, b = rng.normal(size=(9, 4)), rng.uniform(0.5, 2.5, 9)
-        result = make(name, 9, 4, slack_weight=1e3).apply(rows_for(A, b), v_des)
+        result = make(name, 9, 4, slack_weight=1e3).apply(rows_demanding(A, b, ETA), v_des)
         chosen = list(result.conflict())
         assert bool(chosen) != holds_together(A, b, 4)
         if chosen:
@@ -240,7 +238,7 @@ def test_conflicts_are_minimal(name: str) -> None:
 
 def test_conflicts_refer_to_the_rows_of_their_tick() -> None:
     A, b, v_des = infeasible(np.random.default_rng(26))
-    rows = rows_for(A, b)
+    rows = rows_demanding(A, b, ETA)
     result = make("pssa", 9, 4).apply(rows, v_des)
     expected = result.conflict()
     rows.jac[:], rows.drift[:] = 0.0, 0.0
@@ -250,13 +248,13 @@ def test_conflicts_refer_to_the_rows_of_their_tick() -> None:
 def test_a_row_that_nothing_moves_is_a_conflict_of_its_own() -> None:
     A, b, v_des = feasible("zero", np.random.default_rng(27))
     b[0] = 0.2
-    result = make("pssa", 9, 4).apply(rows_for(A, b), v_des)
+    result = make("pssa", 9, 4).apply(rows_demanding(A, b, ETA), v_des)
     assert result.status == FilterStatus.RELAXED
     np.testing.assert_array_equal(result.relaxed, [0])
     assert result.shortfall[0] == pytest.approx(0.2, abs=1e-12)
     assert result.conflict() == (0,)
     # the others are held as if it were not there
-    others = make("pssa", 8, 4).apply(rows_for(A[1:], b[1:]), v_des)
+    others = make("pssa", 8, 4).apply(rows_demanding(A[1:], b[1:], ETA), v_des)
     np.testing.assert_allclose(result.v, others.v, rtol=0, atol=1e-7)
 
 
@@ -342,6 +340,6 @@ def test_a_row_that_nothing_moved_counts_again_once_it_moves(name: str) -> None:
         if i % 2:
             A[: 1 + i % 3] = 0.0
             b[: 1 + i % 3] = rng.choice([-0.3, 0.0, 0.2], 1 + i % 3)
-        result, fresh = (f.apply(rows_for(A, b), v_des) for f in (kept, make(name, 9, 4)))
+        result, fresh = (f.apply(rows_demanding(A, b, ETA), v_des) for f in (kept, make(name, 9, 4)))
         assert result.status == fresh.status
         np.testing.assert_allclose(result.v, fresh.v, rtol=0, atol=1e-7)

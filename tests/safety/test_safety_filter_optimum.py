@@ -16,6 +16,7 @@ from safety.barriers.rows import BarrierRows, HalfSpaces
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.safety_filter import KINDS, FilterStatus, MetricWeights, SafetyFilter
 from safety.geometry.shapes import Obstacle
+from tests.support.rows import copied
 from wbc.qp import UNBOUNDED, make_solver
 
 PARAMETERS = BarrierParameters(
@@ -46,8 +47,7 @@ def v_max(robot: RobotDescription) -> Array:
 def rows_with(kin: Kinematics, barriers: BarrierSet, q: Array, obstacle: Obstacle) -> BarrierRows:
     kin.update_geometry(q)
     next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).set_obstacles([obstacle])
-    rows = barriers.evaluate(kin)
-    return BarrierRows(rows.h.copy(), rows.jac.copy(), rows.drift.copy(), rows.family)
+    return copied(barriers.evaluate(kin))
 
 
 def conditions_of(name: str, rows: BarrierRows) -> HalfSpaces:

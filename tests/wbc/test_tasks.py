@@ -13,6 +13,7 @@ from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
+from tests.support.states import random_state
 from wbc.contact import SoleContact
 from wbc.dynwbc import DynWbc, DynWbcWeights
 from wbc.kinwbc import prioritised_velocity
@@ -35,13 +36,6 @@ KINEMATICS = {name: Kinematics(load_robot(name)) for name in ("g1", "tocabi")}
 @pytest.fixture
 def kin(robot_name: str) -> Kinematics:
     return KINEMATICS[robot_name]
-
-
-def random_state(kin: Kinematics, rng: np.random.Generator) -> tuple[Array, Array]:
-    quaternion = rng.normal(size=4)
-    joints = rng.uniform(*kin.robot.position_limits)
-    q = np.concatenate([rng.normal(size=3), quaternion / np.linalg.norm(quaternion), joints])
-    return q, rng.normal(size=kin.nv)
 
 
 def random_rotation(rng: np.random.Generator) -> Array:

@@ -90,7 +90,7 @@ def bench_filters(options: BenchOptions) -> int:
             status.update(f"{cell.rows} rows, {cell.variables} variables, {cell.scene}: done")
             if len(cells) % len(SCENES) == 0:
                 show(table(cells[-len(SCENES) :]), console)
-    console.print(LEGEND)
+    console.print(" ".join(LEGEND.split()), soft_wrap=False)
     machine = f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}"
     console.print(f"{ticks} ticks each; {machine}")
     if options.out is not None:

@@ -277,7 +277,7 @@ def bench_worst(options: BenchOptions) -> int:
                 found[robot.name].append(play(courses, ticks // len(SCENES)))
         for table in tables(found[robot.name], f"{robot.title}, filter {options.filter}"):
             show(table, console)
-    console.print(LEGEND)
+    console.print(" ".join(LEGEND.split()), soft_wrap=False)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
         out = {name: [asdict(f) for f in figures] for name, figures in found.items()}

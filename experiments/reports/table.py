@@ -34,10 +34,17 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """Text, and whether it tells of something that should not be."""
+    """What stands in one place.
+
+    Attributes:
+        text: what is shown.
+        bad: whether it tells of something that should not be.
+        link: address that it leads to in a page, relative or in full; empty for none.
+    """
 
     text: str
     bad: bool = False
+    link: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +103,7 @@ class Table:
 
     @property
     def labels(self) -> int:
-        """Number of leading columns that name what a row is of: those of words, and more where they tell rows apart."""
+        """Number of leading columns that name what a row is of: those of words, and more if these tell rows apart."""
         leading = next((i for i, column in enumerate(self.columns) if not column.words), len(self.columns))
         least = max(leading, 1)
         most = min(least + MORE_LABELS, len(self.columns))

@@ -155,6 +155,13 @@ def test_html_of_rows_with_units_has_a_column_of_them() -> None:
     assert Cells(str(table.html())).cells[3:] == [("words", "nearest"), ("bad", "-12"), ("unit", "mm")]
 
 
+def test_a_cell_leads_where_its_link_says() -> None:
+    table = Table((Column("run", words=True),), (Row((Cell("one", link="runs/a%20b/"),)), Row(("two",))))
+    assert '<a href="runs/a%20b/">one</a>' in table.html()
+    assert table.html().count("<a ") == 1
+    assert table.markdown().splitlines()[2:] == ["| one |", "| two |"]
+
+
 def test_text_from_outside_stays_text_in_html() -> None:
     html = Table((Column("<i>", "<b>"),), (Row(("<script>",)),), "<u>", "<p>").html()
     assert "&lt;script&gt;" in html

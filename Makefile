@@ -20,10 +20,10 @@ DOCS_REQUIREMENTS = $(PYTHON) -c 'import tomllib; print(*tomllib.load(open("pypr
 unexport PYTHONPATH
 
 .DEFAULT_GOAL := help
-.PHONY: help setup demo test lint format bench docs lock clean distclean
+.PHONY: help setup demo test lint format bench docs docs-output lock clean distclean
 
 help: ## This list.
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-10s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / {printf "make %-12s %s\n", $$1, $$2}' $(MAKEFILE_LIST)
 
 setup: $(STAMP) ## Make .venv from the lock, compile the kernels; nothing to do when it is up to date.
 
@@ -41,6 +41,9 @@ lint: $(STAMP) ## Lint, format and types; changes nothing.
 format: $(STAMP) ## Format, and mend what lint can mend.
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
+
+docs-output: $(STAMP) ## The tables of docs/output.md, made from the declarations.
+	$(BIN)/python -m experiments.metrics.output_page docs/output.md
 
 bench: $(STAMP) ## Time of one tick, by stage.
 	$(BIN)/safewbc bench tick $(ARGS)

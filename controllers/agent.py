@@ -2,7 +2,7 @@
 
 import copy
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
@@ -78,7 +78,7 @@ class Agent:
         with_hands: whether the hands are tasks.
         obstacle_slots: kinds of the obstacles that the controller can keep away from at a time; where there are more of
             a kind, the nearest count.
-        tracking: how detections become obstacles.
+        tracking: how detections become obstacles, all of them or each by its name.
         settle_time: over which the CoM goes from where the robot stands to over the middle of the feet, without a gait;
             0 for at once [s].
         extra_barriers: see :class:`controllers.whole_body.controller.WholeBodyController`.
@@ -91,6 +91,7 @@ class Agent:
         reference: of all tasks; after :meth:`reset`.
         gait: as made; ``None`` for none.
         motions: applied in their order, after the gait.
+        known: obstacles that need no sensor, by name: where they are now, to be kept up to date from outside.
 
     Raises:
         ConfigError: a setting is not allowed.
@@ -105,7 +106,7 @@ class Agent:
         motions: Sequence[MakeMotion] = (),
         with_hands: bool = False,
         obstacle_slots: Sequence[str] = (),
-        tracking: "TrackingSettings | None" = None,
+        tracking: "TrackingSettings | Mapping[str, TrackingSettings] | None" = None,
         settle_time: float = 1.5,
         extra_barriers: Callable[[Kinematics], Sequence[Barrier]] | None = None,
         extra_tasks: Callable[[Kinematics], Sequence[PlacedTask]] | None = None,
@@ -120,6 +121,7 @@ class Agent:
         self._tracking, self._slots = tracking, ObstacleSlots(obstacle_slots)
         self.gait: Gait | None = None
         self.motions: list[Motion] = []
+        self.known: Mapping[str, Obstacle] = {}
         self._begun, self._start_time = False, 0.0
         self.controller.kin.update_geometry(standing_configuration(robot))
         self.reference = reference_here(self.controller.kin, with_hands)
@@ -236,7 +238,7 @@ class Agent:
             self.hold(fault, stamp)
             self._obstacles = [obstacle.at_rest() for obstacle in self._obstacles]
         else:
-            self._obstacles = self._slots.fill(self.tracker.obstacles(stamp), self.controller.kin.com)
+            self._obstacles = self._slots.fill({**self.tracker.obstacles(stamp), **self.known}, self.controller.kin.com)
 
     # -- references
 

@@ -1,5 +1,6 @@
 """Kalman filters of the obstacles that are detected, by name."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -46,8 +47,10 @@ class ObstacleTracker:
         tracks: by name, in the order in which the obstacles were first detected.
     """
 
-    def __init__(self, settings: TrackingSettings | None = None) -> None:
-        self._settings = settings or TrackingSettings()
+    def __init__(self, settings: TrackingSettings | Mapping[str, TrackingSettings] | None = None) -> None:
+        """``settings``: of all obstacles, or of each by its name; the usual ones where none are given."""
+        usual, own = (settings, {}) if isinstance(settings, TrackingSettings) else (None, settings or {})
+        self._usual, self._own = usual or TrackingSettings(), dict(own)
         self.tracks: dict[str, ObstacleTrack] = {}
         self._shapes: dict[str, Obstacle] = {}
         self._asked: float | None = None
@@ -60,11 +63,14 @@ class ObstacleTracker:
         """
         name = detection.name
         if name not in self.tracks:
-            self.tracks[name] = ObstacleTrack(self._settings.track)
+            self.tracks[name] = ObstacleTrack(self._settings(name).track)
         if detection.seen or name not in self._shapes:
             self._shapes[name] = detection.shape
         position = detection.shape.position if detection.seen else None
         return self.tracks[name].measure(position, detection.stamp, self._asked)
+
+    def _settings(self, name: str) -> TrackingSettings:
+        return self._own.get(name, self._usual)
 
     def forget(self, name: str) -> None:
         """The obstacle of this name is gone; nothing happens where there is none."""
@@ -84,9 +90,9 @@ class ObstacleTracker:
         Raises:
             ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
         """
-        kappa, velocities = self._settings.kappa, self._settings.velocity
         out = {}
         for name, track in self.tracks.items():
+            kappa, velocities = self._settings(name).kappa, self._settings(name).velocity
             position, velocity = track.estimate(stamp)
             # without kappa the covariance is not needed
             margin = kappa * track.position_sigma(stamp) if kappa else 0.0

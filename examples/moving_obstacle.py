@@ -7,6 +7,8 @@ import numpy as np
 
 import safewbc as sw
 
+RADIUS = 0.06  # of the sphere [m]
+
 
 def main(duration: float = 4.0) -> tuple[float, float]:
     """Returns the true smallest barrier of the sphere [mm], and the error of its estimated velocity [mm/s]."""
@@ -15,7 +17,7 @@ def main(duration: float = 4.0) -> tuple[float, float]:
     body.reset(sw.standing_configuration(robot, "hands_front"))
     agent = sw.Agent(robot, motions=[sw.HandTargets], with_hands=True, obstacle_slots=("sphere",))
     hand = body.frame_position(robot.roles["left_hand"])
-    sphere = sw.PassingSphere(hand + np.array([0.8, 0.02, 0.0]), np.array([-0.25, 0.0, 0.0]), 0.06)
+    sphere = sw.StraightMotion(hand + np.array([0.8, 0.02, 0.0]), np.array([-0.25, 0.0, 0.0]))
     sensor = sw.PositionSensor(60.0, 0.005, np.random.default_rng(0))
 
     # the true barrier, by a model of its own
@@ -26,12 +28,12 @@ def main(duration: float = 4.0) -> tuple[float, float]:
     for _ in range(round(duration / agent.dt)):
         t, centre = body.time, sphere.position(body.time)
         seen = sensor.measure(centre, t)
-        detections = [] if seen is None else [sw.Detection("ball", t, sw.Obstacle.sphere(seen, sphere.radius))]
+        detections = [] if seen is None else [sw.Detection("ball", t, sw.Obstacle.sphere(seen, RADIUS))]
         out = agent.tick(body.state(), detections)
         body.send(out.command)
         body.advance(agent.dt)
         kin.update_geometry(body.true_state().q)
-        truth.set_obstacles([sw.Obstacle.sphere(sphere.position(body.time), sphere.radius)])
+        truth.set_obstacles([sw.Obstacle.sphere(sphere.position(body.time), RADIUS)])
         smallest = min(smallest, barriers.evaluate(kin).h[barriers.slices["obstacle"]].min())
     error = 1e3 * float(np.linalg.norm(out.obstacles[0].velocity - sphere.rate))
     print(f"smallest barrier {1e3 * smallest:.1f} mm, velocity known to {error:.0f} mm/s, stop: {agent.stop_cause}")

@@ -37,7 +37,7 @@ from safety.filters.safety_filter import SafetyFilter as SafetyFilter
 from safety.geometry.shapes import Obstacle as Obstacle
 from safety.tracking import ObstacleTrack as ObstacleTrack, TrackerSettings as TrackerSettings
 from sims.kinematic import KinematicPlant as KinematicPlant
-from sims.obstacles import PassingSphere as PassingSphere, PositionSensor as PositionSensor
+from sims.obstacles import PositionSensor as PositionSensor, StraightMotion as StraightMotion
 from sims.plant import MujocoPlant as MujocoPlant, PlantConfig as PlantConfig, SensorNoise as SensorNoise
 from wbc.dynwbc import DynWbc as DynWbc
 from wbc.kinwbc import KinWbc as KinWbc

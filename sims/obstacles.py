@@ -30,22 +30,19 @@ class ObstacleMotion(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class PassingSphere:
-    """A sphere that moves straight on.
+class StraightMotion:
+    """Straight on.
 
     Attributes:
         start: shape (3,) centre at time zero, world [m].
         rate: shape (3,) its constant velocity [m/s].
-        radius: above 0 [m].
     """
 
     start: Array
     rate: Array
-    radius: float
 
     def __post_init__(self) -> None:
-        _require_vectors("passing sphere", start=self.start, rate=self.rate)
-        require_positive("sphere radius", self.radius)
+        _require_vectors("straight motion", start=self.start, rate=self.rate)
 
     def position(self, t: float) -> Array:
         """See :class:`ObstacleMotion`."""
@@ -137,6 +134,49 @@ class StopAndGo:
         """See :class:`ObstacleMotion`."""
         back, s = self._phase(t)
         return self.peak * (0.5 * (1 - math.cos(2 * math.pi * s / self.going)) * (-1 if back else 1))
+
+
+@dataclass(frozen=True, slots=True)
+class WaypointMotion:
+    r"""From point to point, at rest and unaccelerated at each: :math:`10 s^3 - 15 s^4 + 6 s^5` of each way.
+
+    Before the first time it is at the first point, after the last one at the last.
+
+    Attributes:
+        times: shape (n,) when it is at each point, increasing [s].
+        points: shape (n, 3), n at least 1, world [m].
+    """
+
+    times: Array
+    points: Array
+
+    def __post_init__(self) -> None:
+        if np.shape(self.points) != (len(self.times), 3) or not len(self.times):
+            raise ConfigError("waypoints", self.points, "one point of three numbers for each time, at least one")
+        if not (all_finite(self.times, self.points) and (np.diff(self.times) > 0).all()):
+            raise ConfigError("waypoint times", self.times, "finite and increasing, their points finite")
+
+    def _leg(self, t: float) -> tuple[int, float, float]:
+        """Index of the way that ``t`` [s] is on, the part of it that has passed, and how long it takes [s]."""
+        last = len(self.times) - 2
+        i = min(max(int(np.searchsorted(self.times, t, side="right")) - 1, 0), last)
+        duration = float(self.times[i + 1] - self.times[i])
+        return i, min(max((t - float(self.times[i])) / duration, 0.0), 1.0), duration
+
+    def position(self, t: float) -> Array:
+        """See :class:`ObstacleMotion`."""
+        if len(self.times) == 1:
+            return np.array(self.points[0])
+        i, s, _ = self._leg(t)
+        way = self.points[i + 1] - self.points[i]
+        return self.points[i] + s**3 * (10 - 15 * s + 6 * s**2) * way
+
+    def velocity(self, t: float) -> Array:
+        """See :class:`ObstacleMotion`."""
+        if len(self.times) == 1:
+            return np.zeros(3)
+        i, s, duration = self._leg(t)
+        return 30 * s**2 * (1 - s) ** 2 / duration * (self.points[i + 1] - self.points[i])
 
 
 class BrownianMotion:

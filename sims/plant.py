@@ -1,6 +1,7 @@
 """The plant: MuJoCo with a model that may differ from the controller's, motors, sensors."""
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import mujoco
@@ -13,6 +14,8 @@ from robots.messages import Array, MotorCommand, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
 from sims.kernels import ground_loads, read_state
+from sims.physical import add_bodies, quaternion
+from sims.shapes import Shape
 
 UNSTABLE_ACCELERATION = 1e7
 """Acceleration [m/s^2, rad/s^2] from which the simulation counts as numerically unstable."""
@@ -95,6 +98,7 @@ class MujocoPlant:
         robot: the description.
         config: mismatch, delay, noise, step; those of ``PlantConfig`` if not given.
         rng: source of the sensor noise; needed where there is any.
+        bodies: of the world, which the robot can touch and which :meth:`place_bodies` moves.
 
     Attributes:
         unstable: whether the simulation blew up; it then stays at its last finite state.
@@ -104,18 +108,23 @@ class MujocoPlant:
     """
 
     def __init__(
-        self, robot: RobotDescription, config: PlantConfig | None = None, rng: np.random.Generator | None = None
+        self,
+        robot: RobotDescription,
+        config: PlantConfig | None = None,
+        rng: np.random.Generator | None = None,
+        bodies: Sequence[Shape] = (),
     ) -> None:
         config = config or PlantConfig()
         if rng is None and not config.noise.none:
             raise ConfigError("rng", rng, "a generator, such as np.random.default_rng(0), for the sensor noise")
-        bodies = [b.name for b in robot.bodies]
-        if unknown := sorted(set(config.changes.link_mass_scale) - set(bodies)):
-            raise ConfigError("link_mass_scale", unknown, "bodies of this robot: " + ", ".join(bodies))
+        links = [b.name for b in robot.bodies]
+        if unknown := sorted(set(config.changes.link_mass_scale) - set(links)):
+            raise ConfigError("link_mass_scale", unknown, "bodies of this robot: " + ", ".join(links))
         self.robot = robot
         self.config = config
         spec = build_mujoco_spec(robot, config.changes)
         spec.option.timestep = config.dt
+        add_bodies(spec, bodies)
         self.model = spec.compile()
         self.data = mujoco.MjData(self.model)
         self._rng = rng
@@ -201,6 +210,11 @@ class MujocoPlant:
     def push(self, force: Array) -> None:
         """Push the torso with ``force`` (3,), world axes, at its body's centre of mass, until another is given [N]."""
         self.data.xfrc_applied[self._torso, :3] = force
+
+    def place_bodies(self, bodies: Sequence[Shape]) -> None:
+        """Put the world's bodies where they are now, in the order in which they were given, of the same shapes."""
+        for i, body in enumerate(bodies):
+            self.data.mocap_pos[i], self.data.mocap_quat[i] = body.center, quaternion(body)
 
     def step(self) -> None:
         """Advance by one physics step, the motors evaluating eq. (19) of Lee et al. within their effort limits.

@@ -8,8 +8,8 @@ import numpy as np
 from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
 from controllers.perception import Detection
 from controllers.whole_body.robot_config import controller_config
-from experiments.metrics.metric import Figure
-from experiments.scenarios.obstacles import AHEAD, DISTANCE, RADIUS
+from experiments.metrics.metric import Metric
+from experiments.scenarios.passing_sphere import AHEAD, DISTANCE, RADIUS
 from robots.checks import require_one_of
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -18,7 +18,7 @@ from safety.barriers.barrier_set import ObstacleBarrier, standard_barriers
 from safety.filters.safety_filter import SafetyFilter
 from safety.geometry.shapes import Obstacle
 from safety.tracking import TrackerSettings
-from sims.obstacles import PassingSphere, PositionSensor
+from sims.obstacles import PositionSensor, StraightMotion
 
 TICK = 0.002
 """Control period [s]."""
@@ -40,12 +40,12 @@ KNOWLEDGE = ("zero", "estimated", "estimated + 3 sigma", "true")
 of its estimated position."""
 
 CROSSING = (
-    Figure("filter", "filter"),
-    Figure("speed", "speed", "m/s"),
-    Figure("velocity", "velocity told"),
-    Figure("clearance_mean_m", "smallest distance, mean", "mm", 1e3),
-    Figure("clearance_worst_m", "worst", "mm", 1e3),
-    Figure("acceleration_rms", "joint acceleration", "rad/s^2"),
+    Metric("filter", "filter"),
+    Metric("speed", "speed", "m/s"),
+    Metric("velocity", "velocity told"),
+    Metric("clearance_mean_m", "smallest distance, mean", "mm", 1e3),
+    Metric("clearance_worst_m", "worst", "mm", 1e3),
+    Metric("acceleration_rms", "joint acceleration", "rad/s^2"),
 )
 
 
@@ -73,7 +73,7 @@ class Crossing:
         self._home = self._kin.posture("hands_front")
         self._kin.update_geometry(self._home)
         hand = self._kin.frame_placement(self._kin.frame_id(robot.roles["left_hand"]))[1]
-        self._sphere = PassingSphere(hand + np.array([AHEAD, DISTANCE, 0.0]), np.array([0.0, -speed, 0.0]), RADIUS)
+        self._sphere = StraightMotion(hand + np.array([AHEAD, DISTANCE, 0.0]), np.array([0.0, -speed, 0.0]))
         self._duration = (DISTANCE + PASSED) / speed
         self._sensor = PositionSensor(60.0, NOISE, np.random.default_rng([seed, 3]))
         told = {"zero": "zero", "true": "measured"}.get(velocity, "estimated")

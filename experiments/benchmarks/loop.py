@@ -13,17 +13,10 @@ from experiments.reports.table import Column, Row, Table, show
 from experiments.running.laps import LOOP_PARTS, PARTS, Laps
 from experiments.running.run import run
 from experiments.running.warmup import warm_up
-from experiments.scenarios.hand_tracking import hand_scenario
-from experiments.scenarios.options import (
-    BenchOptions,
-    FilterOptions,
-    HandTrackingOptions,
-    PlantOptions,
-    RunOptions,
-    WalkOptions,
-)
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import BenchOptions, FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario
-from experiments.scenarios.walk import command_profile, walk_scenario
+from experiments.scenarios.walk import Walk
 from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -54,8 +47,7 @@ def bench_loop(options: BenchOptions) -> int:
         for what in RUNS:
             for rate in RATES:
                 with console.status(f"{robot.title}: {what} at {rate:g} Hz"):
-                    scenario, run_options = case(name, what, rate, options.filter, DURATION)
-                    found[f"{what} {rate:g} Hz"] = loop_figures(scenario, run_options)
+                    found[f"{what} {rate:g} Hz"] = loop_figures(case(name, what, rate, options.filter, DURATION))
         show(table(robot, options.filter, found), console)
     console.print(f"{platform.machine()}, {os.cpu_count()} processors, Python {platform.python_version()}")
     if options.out is not None:
@@ -63,7 +55,7 @@ def bench_loop(options: BenchOptions) -> int:
     return 0
 
 
-def case(name: str, what: str, rate: float, filter_name: str, duration: float) -> tuple[Scenario, RunOptions]:
+def case(name: str, what: str, rate: float, filter_name: str, duration: float) -> Scenario:
     """One of ``RUNS`` of a robot (as for ``--robot``), at one of ``RATES``, for ``duration`` [s]."""
     settings: dict[str, Any] = {
         "robot": name,
@@ -72,22 +64,17 @@ def case(name: str, what: str, rate: float, filter_name: str, duration: float) -
         "plant": PlantOptions(mass_scale=1.2, physics_dt=RATES[rate]),
         "safety": FilterOptions(filter=filter_name),
     }
-    robot = load_robot(name)
-    if what == "walk":
-        walk = WalkOptions(**settings)
-        return walk_scenario(robot, command_profile(walk, robot)), walk
-    hands = HandTrackingOptions(**settings)
-    return hand_scenario(robot, hands), hands
+    return Walk(**settings) if what == "walk" else HandTracking(**settings)
 
 
-def loop_figures(scenario: Scenario, options: RunOptions) -> dict[str, float]:
+def loop_figures(scenario: Scenario) -> dict[str, float]:
     """Wall time by part of one run [ms per simulated second; the set-up in ms], and how much faster than real time.
 
     ``loop`` is the sum of ``LOOP_PARTS``, ``real_time_factor`` simulated time over it; ``processor_share`` processor
     time over wall time: clearly below 1, something else was running and the figures say little.
     """
     laps, processor = Laps(), time.process_time()
-    simulated = float(run(scenario, options, laps=laps).summary["duration_s"])
+    simulated = float(run(scenario, laps=laps).summary["duration_s"])
     processor = time.process_time() - processor
     out = {part: 1e3 * seconds / simulated for part, seconds in laps.seconds.items()}
     out["set-up"] = 1e3 * laps.seconds["set-up"]

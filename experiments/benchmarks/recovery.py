@@ -10,7 +10,7 @@ from controllers.agent import Agent, AgentOutput
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.robot_config import controller_config
 from experiments.cli.study_print import show_study
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
@@ -45,16 +45,16 @@ TITLE = f"a start inside the torso, {DURATION:g} s"
 """Of the table."""
 
 COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("filter", "filter"),
-    Figure("way_out", "way out"),
-    Figure("h_start_m", "h, start", "mm", 1e3),
-    Figure("step_max", "step of the command, max", "rad/s"),
-    Figure("speed_max", "command, max", "rad/s"),
-    Figure("torque_step_max", "torque step / limit", "%", 1e2),
-    Figure("torque_max", "torque / limit", "%", 1e2),
-    Figure("out_s", "h > -5 mm from", "s"),
-    Figure("h_end_m", "h, end", "mm", 1e3),
+    Metric("robot", "robot"),
+    Metric("filter", "filter"),
+    Metric("way_out", "way out"),
+    Metric("h_start_m", "h, start", "mm", 1e3),
+    Metric("step_max", "step of the command, max", "rad/s"),
+    Metric("speed_max", "command, max", "rad/s"),
+    Metric("torque_step_max", "torque step / limit", "%", 1e2),
+    Metric("torque_max", "torque / limit", "%", 1e2),
+    Metric("out_s", "h > -5 mm from", "s"),
+    Metric("h_end_m", "h, end", "mm", 1e3),
 )
 
 

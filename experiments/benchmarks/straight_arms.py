@@ -6,9 +6,10 @@ from typing import Any
 import numpy as np
 
 from experiments.cli.study_print import show_study
-from experiments.metrics.metric import Figure
-from experiments.scenarios.hand_tracking import run_hand_tracking
-from experiments.scenarios.options import BenchOptions, FilterOptions, HandTrackingOptions
+from experiments.metrics.metric import Metric
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import BenchOptions, FilterOptions
 from robots.messages import Array
 
 TARGETS: Mapping[str, tuple[float, float, float]] = {
@@ -33,15 +34,15 @@ TITLE = f"hands out of reach, {DURATION:g} s"
 """Of the table."""
 
 COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("target", "target"),
-    Figure("filter", "filter"),
-    Figure("singular", "singular values"),
-    Figure("step_max", "step of the command, max", "rad/s"),
-    Figure("jumps", f"ticks with more than {LIMIT:g} rad/s"),
-    Figure("step_end", "the same in the last second, max", "rad/s"),
-    Figure("torque_step_max", "torque step / limit", "%", 1e2),
-    Figure("torque_max", "torque / limit", "%", 1e2),
+    Metric("robot", "robot"),
+    Metric("target", "target"),
+    Metric("filter", "filter"),
+    Metric("singular", "singular values"),
+    Metric("step_max", "step of the command, max", "rad/s"),
+    Metric("jumps", f"ticks with more than {LIMIT:g} rad/s"),
+    Metric("step_end", "the same in the last second, max", "rad/s"),
+    Metric("torque_step_max", "torque step / limit", "%", 1e2),
+    Metric("torque_max", "torque / limit", "%", 1e2),
 )
 
 
@@ -65,7 +66,7 @@ def straight_study(
         for target in targets:
             for name in filters:
                 for way in WAYS:
-                    options = HandTrackingOptions(
+                    scenario = HandTracking(
                         robot=robot,
                         duration=duration,
                         motion="target",
@@ -73,7 +74,7 @@ def straight_study(
                         singular=way,
                         safety=FilterOptions(filter=name),
                     )
-                    result = run_hand_tracking(options)
+                    result = run(scenario)
                     case = {"robot": robot, "target": target, "filter": name, "singular": way}
                     figures = step_figures(result.series, result.config["controller"]["dt"])
                     figures["torque_step_max"] = result.summary["torque_step_max"]

@@ -19,7 +19,7 @@ from controllers.whole_body.robot_config import controller_config
 from experiments.reports.table import Column, Row, Table, show
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.warmup import warm_up
-from experiments.scenarios.hand_tracking import start_posture
+from experiments.scenarios.hand_motions import start_posture
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription

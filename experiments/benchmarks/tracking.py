@@ -11,7 +11,7 @@ from rich.console import Console
 from experiments.benchmarks.crossing import CROSSING, NOISE, TICK, crossing_study
 from experiments.cli.console import make_console
 from experiments.cli.study_print import write_study
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
 from experiments.scenarios.options import BenchOptions
@@ -29,21 +29,21 @@ MAX_LAG = 0.3
 """Largest lag that is looked for [s]."""
 
 TRACKING = (
-    Figure("motion", "motion"),
-    Figure("rate_hz", "rate", "Hz"),
-    Figure("model", "constant"),
-    Figure("speed_rms", "speed", "m/s"),
-    Figure("velocity_rmse", "v error", "m/s"),
-    Figure("velocity_step", "v step", "m/s"),
-    Figure("velocity_step_at_once", "at once", "m/s"),
-    Figure("lag_ms", "lag", "ms"),
-    Figure("lag_at_once_ms", "at once", "ms"),
-    Figure("raw_rmse_m", "raw", "mm", 1e3),
-    Figure("position_rmse_m", "filtered", "mm", 1e3),
-    Figure("velocity_within_3_sigma", "3 sigma", "%", 1e2),
-    Figure("nis", "NIS", "of 3"),
-    Figure("nees", "NEES", "of 6"),
-    Figure("rejected", "rejected"),
+    Metric("motion", "motion"),
+    Metric("rate_hz", "rate", "Hz"),
+    Metric("model", "constant"),
+    Metric("speed_rms", "speed", "m/s"),
+    Metric("velocity_rmse", "v error", "m/s"),
+    Metric("velocity_step", "v step", "m/s"),
+    Metric("velocity_step_at_once", "at once", "m/s"),
+    Metric("lag_ms", "lag", "ms"),
+    Metric("lag_at_once_ms", "at once", "ms"),
+    Metric("raw_rmse_m", "raw", "mm", 1e3),
+    Metric("position_rmse_m", "filtered", "mm", 1e3),
+    Metric("velocity_within_3_sigma", "3 sigma", "%", 1e2),
+    Metric("nis", "NIS", "of 3"),
+    Metric("nees", "NEES", "of 6"),
+    Metric("rejected", "rejected"),
 )
 
 

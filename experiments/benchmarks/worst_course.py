@@ -11,7 +11,7 @@ from controllers.supervisor import Supervisor
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from controllers.whole_body.robot_config import controller_config
 from experiments.benchmarks.worst_scenes import Adversary, Scene
-from experiments.scenarios.hand_tracking import start_posture
+from experiments.scenarios.hand_motions import start_posture
 from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics

@@ -1,43 +1,76 @@
 """Runs an experiment for a person at a terminal: progress, tables, files."""
 
+import signal
+import threading
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from experiments.recording.recording import RunResult, prepare_folder, save_result
+from experiments.recording.recording import RunResult, save_result
+from experiments.recording.store import add_file, claimed
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
-from experiments.running.run import default_folder
+from experiments.running.ending import INTERRUPTED, Interruption
+from experiments.running.recorder import Progress as Told
+from experiments.running.run import prepare, run_prepared
 from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions, RunOptions
-from experiments.scenarios.registry import experiment_of
+from experiments.scenarios.options import OutputOptions
+from experiments.scenarios.scenario import Scenario
 
 
-def run_and_save(options: RunOptions) -> int:
-    """Run one experiment and write everything; returns the exit code: 0, or 1 where the robot fell or was stopped."""
+def run_and_save(scenario: Scenario, output: OutputOptions) -> int:
+    """Run a scenario and write everything.
+
+    Returns:
+        The exit code: 0, 1 where the robot fell or was stopped, or 130 where a person stopped the run.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or the results cannot be written; nothing has run then.
+    """
     console = make_console()
-    experiment = experiment_of(options)
-    robot, name = experiment.check(options), experiment.name
-    bars = progress(console, [f"{robot.title}, {options.safety.filter}"], options.duration)
-    with results_folder(options.output, name) as folder:
+    given = prepare(scenario)
+    robot, name = given.robot, scenario.name
+    if scenario.seed and not scenario.is_random(robot):
+        console.print("nothing is random in this run: its seed has no effect", style="yellow")
+    bars = progress(console, [f"{robot.title}, {scenario.safety.filter}"], scenario.duration)
+    with results_folder(output, name) as folder:
         warm_up(console, robot)
-        with bars as advance:
-            result = run_one(options, advance[0])
-    save_result(result, folder)
-    show(runs_table([result]), console)
-    write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", options.output, console)
+        with bars as advance, ask_to_stop() as asked:
+            result = run_prepared(given, (Told(advance[0]), Interruption(asked.is_set)))
+        save_result(result, folder)
+        show(runs_table([result]), console)
+        write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", output, console)
     console.print(f"results: {folder}")
-    return 1 if result.summary["fell"] or result.summary["stop_cause"] else 0
+    return exit_code([result])
 
 
-def run_one(options: RunOptions, advance: Any) -> RunResult:
-    """Run the experiment that the options belong to; ``advance`` is called with the simulated time."""
-    return experiment_of(options).run(options, advance)
+def exit_code(results: Sequence[RunResult]) -> int:
+    """Of a command whose runs ended like this."""
+    if any(r.summary["stop_cause"] == INTERRUPTED for r in results):
+        return 130
+    return 1 if any(r.summary["fell"] or r.summary["stop_cause"] for r in results) else 0
+
+
+@contextmanager
+def ask_to_stop() -> Iterator[threading.Event]:
+    """Have Ctrl-C set an event, once; a second one interrupts the program as usual."""
+    asked = threading.Event()
+
+    def ask(*_: object) -> None:
+        asked.set()
+        signal.signal(signal.SIGINT, before)
+
+    before = signal.signal(signal.SIGINT, ask)
+    try:
+        yield asked
+    finally:
+        signal.signal(signal.SIGINT, before)
 
 
 def make_console() -> Console:
@@ -47,30 +80,18 @@ def make_console() -> Console:
 
 def chosen_folder(options: OutputOptions, name: str) -> Path:
     """The folder that was asked for, or a new one below ``runs``; nothing is made."""
-    return options.out if options.out is not None else unused(default_folder(name, time.strftime("%Y%m%d-%H%M%S")))
+    return options.out if options.out is not None else unused(Path("runs") / f"{name}-{time.strftime('%Y%m%d-%H%M%S')}")
 
 
 @contextmanager
 def results_folder(options: OutputOptions, name: str) -> Iterator[Path]:
-    """The folder of the results around a run, made and proved to be writable before anything runs.
-
-    When the run is over, the pictures of an earlier one in the same folder go. When it is cut short, a folder that was
-    made for it goes if it is empty.
+    """The folder of the results around a run: see :func:`experiments.recording.store.claimed`.
 
     Raises:
-        ConfigError: it cannot be written.
+        ConfigError: it cannot be written, holds a run already, or another process writes to it.
     """
-    folder = chosen_folder(options, name)
-    existed = folder.exists()
-    try:
-        yield prepare_folder(folder)
-    except BaseException:
-        if not existed:
-            with suppress(OSError):
-                folder.rmdir()
-        raise
-    for old in ("report.html", "video.mp4"):
-        (folder / old).unlink(missing_ok=True)
+    with claimed(chosen_folder(options, name), options.overwrite) as folder:
+        yield folder
 
 
 def unused(folder: Path) -> Path:
@@ -123,12 +144,16 @@ def write_media(
     problem = rendering_problem() or (video_problem() if options.video else None)
     if problem:
         console.print(f"no pictures or no video: {problem}", style="yellow")
+    video = folder / "video.mp4"
     with console.status("rendering and writing the report"):
-        video = make_video(results, folder / "video.mp4") if options.video else None
+        if options.video and not problem:
+            add_file(folder, video.name, partial(make_video, results))
         if options.report:
             frames = [key_frames(r) for r in results]
-            write_report(folder / "report.html", results, title, frames, video, note=problem or "")
-    if video is not None:
+            film = video if video.exists() else None
+            page = partial(write_report, results=results, title=title, frames=frames, video=film, note=problem or "")
+            add_file(folder, "report.html", page)
+    if video.exists():
         console.print(f"video:   {video}")
     if options.report:
         console.print(f"report:  {folder / 'report.html'}")

@@ -1,9 +1,11 @@
 """The command line ``safewbc``. Commands import what they need when they run, so that ``--help`` is quick."""
 
+import inspect
 import sys
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, field, make_dataclass
 from importlib import import_module, metadata
-from typing import Annotated, Any
+from typing import Annotated, Any, Generic, TypeVar, Union
 
 import tyro
 
@@ -12,18 +14,15 @@ from experiments.scenarios.options import (
     CorridorOptions,
     DemoOptions,
     DoctorOptions,
-    HandTrackingOptions,
-    LateralStepsOptions,
+    OutputOptions,
     ReplayOptions,
-    StandOptions,
     TableOptions,
-    TaichiOptions,
-    WalkOptions,
 )
+from experiments.scenarios.registry import SCENARIOS, own_scenario
+from experiments.scenarios.scenario import Scenario
 from experiments.studies.study_options import (
     LocomotionTableOptions,
     PushSearchOptions,
-    RandomWalkOptions,
     RandomWalksOptions,
     RobustnessOptions,
     TuneOptions,
@@ -35,40 +34,67 @@ DESCRIPTION = (
     "safewbc --version prints the version."
 )
 
+RUN_TEXT = (
+    "Run one experiment; writes configuration, summary, time series, report and video. A scenario of one's own is run "
+    "as module:Class."
+)
+
 USAGE_ERROR = 2
 """Exit code when an option is not allowed."""
 
-Experiment = (
-    Annotated[StandOptions, tyro.conf.subcommand("stand")]
-    | Annotated[HandTrackingOptions, tyro.conf.subcommand("hand-tracking")]
-    | Annotated[TaichiOptions, tyro.conf.subcommand("taichi")]
-    | Annotated[LateralStepsOptions, tyro.conf.subcommand("lateral-steps")]
-    | Annotated[WalkOptions, tyro.conf.subcommand("walk")]
-    | Annotated[CorridorOptions, tyro.conf.subcommand("corridor")]
-    | Annotated[RandomWalkOptions, tyro.conf.subcommand("random-walk")]
-    | Annotated[RandomWalksOptions, tyro.conf.subcommand("random-walks")]
-    | Annotated[PushSearchOptions, tyro.conf.subcommand("pushes")]
-    | Annotated[RobustnessOptions, tyro.conf.subcommand("robustness")]
-    | Annotated[LocomotionTableOptions, tyro.conf.subcommand("locomotion-table")]
-)
+S = TypeVar("S", bound=Scenario)
 
 
 @dataclass(frozen=True)
-class Run:
-    """Run one experiment; writes configuration, summary, time series, report and video."""
+class RunScenario(Generic[S]):
+    """A scenario, and where its results go."""
 
-    experiment: Annotated[Experiment, tyro.conf.arg(name="")]
+    scenario: Annotated[S, tyro.conf.arg(name="")]
+    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
 
 
-Command = (
-    Annotated[DemoOptions, tyro.conf.subcommand("demo")]
-    | Annotated[Run, tyro.conf.subcommand("run")]
-    | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
-    | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
-    | Annotated[TableOptions, tyro.conf.subcommand("table")]
-    | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
-    | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
+def subcommand(scenario: type[Scenario], name: str) -> Any:
+    """A scenario as tyro sees it, under a name of its own."""
+    text = inspect.cleandoc(scenario.__doc__ or "")
+    settings = tyro.conf.subcommand(name, default=RunScenario(scenario()), description=text)
+    return Annotated[RunScenario[scenario], settings]  # type: ignore[valid-type]
+
+
+STUDIES = (
+    Annotated[CorridorOptions, tyro.conf.subcommand("corridor")],
+    Annotated[RandomWalksOptions, tyro.conf.subcommand("random-walks")],
+    Annotated[PushSearchOptions, tyro.conf.subcommand("pushes")],
+    Annotated[RobustnessOptions, tyro.conf.subcommand("robustness")],
+    Annotated[LocomotionTableOptions, tyro.conf.subcommand("locomotion-table")],
 )
+"""Sets of runs that are made together."""
+
+
+def run_command(own: str | None = None) -> Any:
+    """The command ``run`` as tyro sees it; ``own``: ``module:Class`` of a scenario from outside the project."""
+    scenarios = [subcommand(scenario, scenario.name) for scenario in SCENARIOS]
+    if own is not None:
+        scenarios.append(subcommand(own_scenario(own), own))
+    choices: Any = Union[(*scenarios, *STUDIES)]
+    return make_dataclass(
+        "Run",
+        [("experiment", Annotated[choices, tyro.conf.arg(name="")])],
+        namespace={"__doc__": RUN_TEXT},
+        frozen=True,
+    )
+
+
+def command_line(own: str | None = None) -> Any:
+    """All commands as tyro sees them; ``own`` as of :func:`run_command`."""
+    return (
+        Annotated[DemoOptions, tyro.conf.subcommand("demo")]
+        | Annotated[run_command(own), tyro.conf.subcommand("run")]
+        | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
+        | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
+        | Annotated[TableOptions, tyro.conf.subcommand("table")]
+        | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
+        | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
+    )
 
 
 def main() -> None:
@@ -76,9 +102,8 @@ def main() -> None:
     if sys.argv[1:] == ["--version"]:
         print(f"safewbc {metadata.version('safewbc')}")
         sys.exit(0)
-    command = tyro.cli(Command, prog="safewbc", description=DESCRIPTION)
     try:
-        code = dispatch(command)
+        code = dispatch(tyro.cli(command_line(named_in(sys.argv[1:])), prog="safewbc", description=DESCRIPTION))
     except SafeWbcError as error:
         print(f"safewbc: {error}", file=sys.stderr)
         code = USAGE_ERROR
@@ -86,6 +111,11 @@ def main() -> None:
         print("safewbc: interrupted", file=sys.stderr)
         code = 130
     sys.exit(code)
+
+
+def named_in(arguments: Sequence[str]) -> str | None:
+    """The ``module:Class`` that ``safewbc run`` is asked for, if it is."""
+    return arguments[1] if len(arguments) > 1 and arguments[0] == "run" and ":" in arguments[1] else None
 
 
 COMMANDS: dict[type, str] = {
@@ -110,6 +140,10 @@ def dispatch(command: object) -> int:
     if isinstance(command, DoctorOptions):
         return doctor()
     check_mujoco()
-    options: Any = command.experiment if isinstance(command, Run) else command
-    module, name = COMMANDS.get(type(options), "cli.console:run_and_save").split(":")
+    options: Any = getattr(command, "experiment", command)
+    if isinstance(options, RunScenario):
+        from experiments.cli.console import run_and_save
+
+        return run_and_save(options.scenario, options.output)
+    module, name = COMMANDS[type(options)].split(":")
     return int(getattr(import_module(f"experiments.{module}"), name)(options))

@@ -8,7 +8,7 @@ from typing import Any
 from rich.console import Console
 
 from experiments.cli.console import make_console
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
 
@@ -21,7 +21,7 @@ def show_study(
     plot: Callable[[Runs], bytes],
     waiting: str,
     title: str,
-    columns: Sequence[Figure],
+    columns: Sequence[Metric],
     out: Path | None,
 ) -> None:
     """Make all runs of a study and print their table; with ``out`` write it there as JSON, and a plot beside."""

@@ -16,7 +16,7 @@ PAIR = 2
 """Steps over which a velocity is measured: a left and a right one, so that the body's swaying cancels."""
 
 
-def walk_figures(series: Series, commands: Array | None = None) -> dict[str, Any]:
+def walk_metrics(series: Series, commands: Array | None = None) -> dict[str, Any]:
     """What any walk can be measured by.
 
     Args:
@@ -65,7 +65,7 @@ def velocity_errors(series: Series, commands: Array) -> dict[str, float | None]:
 
     Args:
         series: recorded.
-        commands: shape (T, 3), see :func:`walk_figures`.
+        commands: shape (T, 3), see :func:`walk_metrics`.
 
     Returns:
         ``velocity_error_x_mps``, ``velocity_error_y_mps``, ``velocity_error_wz_radps``: mean over the pairs of the

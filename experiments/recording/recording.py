@@ -1,18 +1,21 @@
 """What one run leaves behind, and the folder it is kept in. Imports neither simulator nor plots."""
 
+import dataclasses
+import hashlib
 import json
-import math
-import os
-import tempfile
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.recording.plain import plain
+from experiments.recording.store import run_file, write_json, write_run
+from robots.collision_models import with_collision_model
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
@@ -35,32 +38,12 @@ class RunResult:
 
     A run that stopped early has shorter series; nothing else tells them apart.
 
-    ``series`` holds, per control tick (T of them): ``time`` (T,) [s]; ``q`` (T, nq) and ``v`` (T, nv), the true state
-    in pinocchio's order; ``torque`` (T, nj), applied [N m]; ``com`` and ``com_ref`` (T, 3) [m]; ``left_hand``,
-    ``left_hand_ref``, ``right_hand``, ``right_hand_ref`` (T, 3) [m], absent without a hand task; ``zmp`` (T, 2)
-    [m], NaN without contact; ``foot_wrench`` (T, 2, 6), measured force and moment about the sole's centre in its axes
-    [N, N m]; ``v_des`` and ``v_safe`` (T, nv); ``filter_status`` (T,), index into ``FILTER_STATUSES``;
-    ``filter_slack`` (T,) [m/s]; ``tick_ms`` (T,) [ms]; ``soles`` and ``soles_ref`` (T, 2, 3), centres of the soles
-    and where they are asked to be [m]; ``sole_corners`` (T, 2, 4, 2) in the ground plane [m]; ``in_contact`` (T, 2), 1
-    where the plan has the foot on the ground, else 0; ``load_scale`` (T,), factor on the masses of the controller's
-    model; ``dcm_ref`` and ``zmp_ref`` (T, 2) [m], only where a gait gives them; ``command`` (T, 3), velocity that a
-    walk is asked for [m/s, m/s, rad/s]. Once: ``support_polygon`` (K, 2), convex, in the world, of the soles at the
-    start [m].
-
-    ``obstacle`` (T, 4), true centre and radius of a sphere [m], only where there is one.
-
-    Per plant step (P of them): ``step_time`` (P,) [s]; ``h_self_collision`` (P, n_pairs), in the order of
-    ``robot.self_collision_pairs`` [m]; ``h_joint_limit`` (P,), smallest [rad]; ``h_workspace`` (P, n_bounds) [m];
-    ``h_self_reference`` (P,), smallest of the reference motion [m], optional; ``h_obstacle`` (P,) [m],
-    infinite without an obstacle; ``disturbance`` (P,), size of v - v_safe [m/s, rad/s]; ``gradient`` and ``h_bound``
-    (P, 5), by family of ``GUARANTEED``: longest Jacobian row, and the bound on h that the condition promises, NaN
-    without one; ``h_row_bound`` (P,) [m], bound of the closest pair by its own Jacobian row.
-
     Attributes:
         robot: the robot that ran.
-        config: the resolved configuration; JSON-able, ``config["robot"]`` is what :func:`load_robot` takes.
-        summary: figures of merit, JSON-able, flat but for ``versions``; ``docs/output.md`` explains each.
-        series: arrays by name, as above.
+        config: the resolved configuration; JSON-able, ``config["scenario"]`` is what
+            :func:`experiments.scenarios.registry.read_scenario` takes, ``config["robot"]`` what :func:`load_robot`.
+        summary: metrics, JSON-able, flat but for ``versions``; :mod:`experiments.metrics.declared` declares each.
+        series: arrays by name; :mod:`experiments.recording.channels` declares each.
     """
 
     robot: RobotDescription
@@ -69,48 +52,23 @@ class RunResult:
     series: Mapping[str, NDArray[Any]]
 
 
-def prepare_folder(path: Path) -> Path:
-    """Make the folder, and make sure that files can be written there: to be called before a long run.
-
-    Args:
-        path: the folder; parents are made too.
-
-    Returns:
-        The same path.
-
-    Raises:
-        ConfigError: it cannot be made, is not a folder, or does not take files.
-    """
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        # a file is really made: permission bits say nothing about read-only or full file systems
-        with tempfile.NamedTemporaryFile(dir=path, prefix=".write-test-") as probe:
-            probe.write(b"x")
-            probe.flush()
-            os.fsync(probe.fileno())
-    except OSError as error:
-        raise ConfigError("out", str(path), f"a folder that can be written ({error.strerror or error})") from error
-    return path
-
-
-def save_result(result: RunResult, folder: Path) -> None:
-    """Write ``config.json``, ``summary.json`` and ``series.npz``.
+def save_result(result: RunResult, folder: Path, series: bool = True) -> None:
+    """Write ``config.json``, ``summary.json`` and ``series.npz`` in place of a run that the folder held, all or none.
 
     Args:
         result: the run.
         folder: where to; made when missing.
+        series: whether the arrays are written too; without them a run can be made again, but not looked at.
 
     Raises:
         ConfigError: the folder cannot be written, or config or summary holds what JSON cannot.
     """
-    prepare_folder(folder)
-    try:
-        _write_json(folder / "config.json", "config", result.config)
-        _write_json(folder / "summary.json", "summary", result.summary)
-        arrays: dict[str, Any] = dict(result.series)
-        np.savez_compressed(folder / "series.npz", **arrays)
-    except OSError as error:
-        raise ConfigError("out", str(folder), f"a folder that can be written ({error.strerror or error})") from error
+    files = {"config.json": write_json("config", result.config), "summary.json": write_json("summary", result.summary)}
+    write_run(folder, files | ({"series.npz": partial(_write_arrays, dict(result.series))} if series else {}))
+
+
+def _write_arrays(arrays: dict[str, Any], path: Path) -> None:
+    np.savez_compressed(path, **arrays)
 
 
 def load_result(folder: Path) -> RunResult:
@@ -120,22 +78,50 @@ def load_result(folder: Path) -> RunResult:
         folder: the folder of one run.
 
     Returns:
-        The run; figures that were NaN come back as ``None``.
+        The run; metrics that were NaN come back as ``None``, and ``series`` is empty where it was not saved.
 
     Raises:
         ConfigError: a file is missing or cannot be read.
+        SafeWbcError: the robot's description is not where it was.
     """
-    config = _read_json(folder / "config.json")
-    summary = _read_json(folder / "summary.json")
-    path = folder / "series.npz"
-    try:
-        with np.load(path, allow_pickle=False) as archive:
-            series = {name: archive[name] for name in archive.files}
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise ConfigError("series", str(path), f"a file written by this project ({error})") from error
+    config = _read_json(run_file(folder, "config.json"))
+    summary = _read_json(run_file(folder, "summary.json"))
     if "robot" not in config:
         raise ConfigError("config.json", sorted(config), "an object with the entry 'robot'")
-    return RunResult(load_robot(config["robot"]), config, summary, series)
+    robot = load_robot(config["robot"])
+    if model := config.get("collision_model"):
+        robot = with_collision_model(robot, model)
+    return RunResult(robot, config, summary, _read_series(run_file(folder, "series.npz")))
+
+
+def _read_series(path: Path) -> dict[str, NDArray[Any]]:
+    if not path.exists():
+        return {}
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return {name: archive[name] for name in archive.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise ConfigError("series", str(path), f"a file written by this project ({error})") from error
+
+
+def robot_reference(robot: str) -> dict[str, str]:
+    """Entries of a configuration by which :func:`load_result` finds a robot from any working directory."""
+    return {"robot": str(Path(robot).resolve()) if robot.endswith(".toml") else robot}
+
+
+def description_digest(robot: RobotDescription) -> str:
+    """Sixteen hexadecimal digits that stand for all that a description says, wherever it was read from."""
+    text = json.dumps(_table(robot), sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def _table(value: Any) -> Any:
+    """The value in JSON's own types, dataclasses as tables."""
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return {f.name: _table(getattr(value, f.name)) for f in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): _table(item) for key, item in value.items()}
+    return [_table(item) for item in value] if isinstance(value, list | tuple) else plain(value)
 
 
 def smallest_self_collision(result: RunResult) -> Array:
@@ -188,29 +174,6 @@ def run_title(result: RunResult) -> str:
     scale = setting(result.config, "mass_scale")
     mass = f", mass {100 * (scale - 1):+.3g} %" if isinstance(scale, int | float) and scale != 1 else ""
     return filter_title(result) + mass
-
-
-def plain(value: Any) -> Any:
-    """The value in JSON's own types: numpy numbers and arrays as Python's, NaN and infinity as ``None``."""
-    if isinstance(value, Mapping):
-        return {str(key): plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    if isinstance(value, Path):
-        return str(value)
-    return value
-
-
-def _write_json(path: Path, name: str, table: Mapping[str, Any]) -> None:
-    try:
-        text = json.dumps(plain(table), indent=2, allow_nan=False)
-    except TypeError as error:
-        raise ConfigError(name, dict(table), f"made of numbers, strings, lists and tables ({error})") from error
-    path.write_text(text + "\n", encoding="utf-8")
 
 
 def _read_json(path: Path) -> dict[str, Any]:

@@ -1,28 +1,34 @@
-"""A saved run made again from its configuration, and compared with what was saved."""
+"""A saved run made again from its scenario, and compared with what was saved."""
 
-import dataclasses
-import types
-import typing
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from controllers.whole_body.robot_config import DataclassInstance
-from experiments.cli.console import make_console, progress, run_one
+from experiments.cli.console import make_console, progress
 from experiments.metrics.balance import versions
-from experiments.recording.recording import RunResult, load_result, plain
+from experiments.recording.plain import plain
+from experiments.recording.recording import RunResult, load_result
+from experiments.running.corridor_loop import DT, run_case
+from experiments.running.ending import INTERRUPTED, InterruptionAt
+from experiments.running.recorder import Progress
+from experiments.running.run import run
 from experiments.running.warmup import warm_up
-from experiments.scenarios.options import ReplayOptions, RunOptions
-from experiments.scenarios.registry import experiment_called
+from experiments.scenarios.corridor_case import CorridorCase
+from experiments.scenarios.options import ReplayOptions
+from experiments.scenarios.registry import read_scenario
+from experiments.scenarios.scenario import Runnable
 from robots.errors import ConfigError
 
-T = TypeVar("T", bound=DataclassInstance)
-
-TIMES = ("tick_ms", "stages")
+TIMES = ("tick_ms", "stages", "filter_ms")
 """Recorded arrays that hold how long computing took: the only ones that may differ."""
+
+VARYING = ("tick_ms_", "filter_ms_", "versions")
+"""Beginnings of the entries of a summary that may differ for the same reason, or tell what else does."""
+
+ROBOT = "robot_digest"
+"""Entry of a configuration that tells a changed description."""
 
 
 def replay(options: ReplayOptions) -> int:
@@ -33,111 +39,53 @@ def replay(options: ReplayOptions) -> int:
     """
     console = make_console()
     saved = load_result(options.folder)
-    settings = saved_options(saved)
-    experiment = experiment_called(saved.config["experiment"])
-    robot = experiment.check(settings)
-    warm_up(console, robot)
-    with progress(console, [f"{experiment.name}, {robot.title}"], settings.duration) as advance:
-        again = run_one(settings, advance[0])
-    differences = array_differences(saved.series, again.series)
+    if "scenario" not in saved.config:
+        raise ConfigError("config.json", sorted(saved.config), "of a run of this project, with the entry 'scenario'")
+    scenario = read_scenario(saved.config["scenario"])
+    warm_up(console, saved.robot)
+    with progress(console, [f"{scenario.name}, {saved.robot.title}"], float(saved.summary["duration_s"])) as advance:
+        again = _run_again(saved, scenario, advance[0])
+    differences = differences_of(saved, again)
     if not differences:
-        console.print(f"identical: {len(set(saved.series) - set(TIMES))} arrays, bit by bit")
+        console.print(_identical(saved))
         return 0
     for line in [*differences, *_reasons(saved, again)]:
         console.print(line)
-    console.print(f"not identical: {len(differences)} of {len(set(saved.series) | set(again.series))} arrays differ")
+    console.print(f"not identical: {len(differences)} of {_compared(saved, again)} differ")
     return 1
 
 
-def saved_options(result: RunResult) -> RunOptions:
-    """The options with which a run was made.
-
-    Raises:
-        SafeWbcError: there are none in its configuration, or they are not those of a known experiment.
-    """
-    for name in ("experiment", "options"):
-        if name not in result.config:
-            raise ConfigError("config.json", sorted(result.config), f"of a run of safewbc run, with the entry {name!r}")
-    kind = experiment_called(result.config["experiment"]).options
-    return from_plain(kind, result.config["options"], "options")
+def _run_again(saved: RunResult, scenario: Runnable, advance: Callable[[float], None]) -> RunResult:
+    """The same run, as far as the saved one got before a person stopped it."""
+    interrupted = saved.summary.get("stop_cause") == INTERRUPTED
+    if isinstance(scenario, CorridorCase):
+        return run_case(scenario, round(saved.summary["duration_s"] / DT) if interrupted else None)
+    ends = (InterruptionAt(saved.summary["duration_s"]),) if interrupted else ()
+    return run(scenario, (Progress(advance), *ends))
 
 
-def from_plain(kind: type[T], table: Any, name: str) -> T:
-    """A dataclass from the table that JSON made of it; what the table does not give keeps its default.
-
-    Fields may be numbers, strings, paths, dataclasses, and tuples, dicts or unions with ``None`` of those.
-
-    Args:
-        kind: the dataclass.
-        table: its fields by name.
-        name: what it is, for messages.
-
-    Raises:
-        ConfigError: a field is unknown, or not of its type; names it and what is allowed.
-    """
-    if not isinstance(table, Mapping):
-        raise ConfigError(name, table, "a table")
-    hints = typing.get_type_hints(kind)
-    known = [f.name for f in dataclasses.fields(kind)]
-    if unknown := sorted(set(table) - set(known)):
-        raise ConfigError(f"{name}.{unknown[0]}", table[unknown[0]], "absent; known are " + ", ".join(known))
-    return kind(**{key: _value(hints[key], value, f"{name}.{key}") for key, value in table.items()})
+def differences_of(saved: RunResult, again: RunResult) -> list[str]:
+    """A line for everything recorded that is not the same: arrays, or metrics where no arrays were saved."""
+    if saved.series:
+        return array_differences(saved.series, again.series)
+    before, now = _without_times(saved.summary), _without_times(again.summary)
+    return [f"{n}: {before.get(n)} saved, {now.get(n)} now" for n in {**before, **now} if before.get(n) != now.get(n)]
 
 
-def _value(hint: Any, value: Any, name: str) -> Any:
-    """The value as the type ``hint`` has it."""
-    origin, inner = typing.get_origin(hint), typing.get_args(hint)
-    if origin in (typing.Union, types.UnionType):
-        return _member_of(inner, value, name)
-    if origin is typing.Literal:
-        if value not in inner:
-            raise ConfigError(name, value, "one of " + ", ".join(map(str, inner)))
-        return value
-    if origin is tuple:
-        return _tuple(inner, value, name)
-    if origin is dict:
-        if not isinstance(value, Mapping):
-            raise ConfigError(name, value, "a table")
-        return {_value(inner[0], k, name): _value(inner[1], v, f"{name}.{k}") for k, v in value.items()}
-    if dataclasses.is_dataclass(hint):
-        return from_plain(typing.cast(type, hint), value, name)
-    return _scalar(hint, value, name)
+def _without_times(summary: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in plain(summary).items() if not name.startswith(VARYING)}
 
 
-def _member_of(kinds: tuple[Any, ...], value: Any, name: str) -> Any:
-    """The value as the first of several types that takes it."""
-    if value is None and type(None) in kinds:
-        return None
-    refusals = []
-    for kind in kinds:
-        if kind is not type(None):
-            try:
-                return _value(kind, value, name)
-            except ConfigError as error:
-                refusals.append(error.allowed)
-    raise ConfigError(name, value, " or ".join(refusals))
+def _identical(saved: RunResult) -> str:
+    if saved.series:
+        return f"identical: {len(set(saved.series) - set(TIMES))} arrays, bit by bit"
+    return f"identical: {len(_without_times(saved.summary))} entries of the summary (no arrays were saved)"
 
 
-def _tuple(kinds: tuple[Any, ...], value: Any, name: str) -> tuple[Any, ...]:
-    if not isinstance(value, list | tuple):
-        raise ConfigError(name, value, "a list")
-    if len(kinds) == 2 and kinds[1] is Ellipsis:
-        kinds = (kinds[0],) * len(value)
-    if len(kinds) != len(value):
-        raise ConfigError(name, value, f"a list of {len(kinds)}")
-    return tuple(_value(k, v, f"{name}[{i}]") for i, (k, v) in enumerate(zip(kinds, value, strict=True)))
-
-
-def _scalar(kind: type, value: Any, name: str) -> Any:
-    """A number, word or path; a whole number may stand for another."""
-    if kind is Path and isinstance(value, str):
-        return Path(value)
-    if kind is float and isinstance(value, int | float) and not isinstance(value, bool):
-        return float(value)
-    # bool is a kind of int in Python, but not here
-    if isinstance(value, kind) and (kind is bool or not isinstance(value, bool)):
-        return value
-    raise ConfigError(name, value, f"of type {getattr(kind, '__name__', kind)}")
+def _compared(saved: RunResult, again: RunResult) -> str:
+    if saved.series:
+        return f"{len((set(saved.series) | set(again.series)) - set(TIMES))} arrays"
+    return f"{len(_without_times(saved.summary))} entries of the summary"
 
 
 def array_differences(saved: Mapping[str, NDArray[Any]], again: Mapping[str, NDArray[Any]]) -> list[str]:
@@ -164,12 +112,13 @@ def _difference(a: NDArray[Any], b: NDArray[Any]) -> str | None:
 
 
 def _reasons(saved: RunResult, again: RunResult) -> list[str]:
-    """What else is not as it was: settings, and versions of packages."""
-    now = plain(versions())
-    before = saved.summary.get("versions") or {}
-    changes = _changes(_flat(plain(saved.config)), _flat(plain(again.config)))
-    changes += _changes(_flat(before), _flat(now))
-    return [f"changed since: {line}" for line in changes]
+    """What else is not as it was: the robot's description, settings, and versions of packages."""
+    before, now = _flat(plain(saved.config)), _flat(plain(again.config))
+    reasons = []
+    if before.pop(ROBOT, None) != now.pop(ROBOT, None):
+        reasons.append(f"reason: the robot's description has changed since the run: {saved.config['robot']}")
+    changes = _changes(before, now) + _changes(_flat(saved.summary.get("versions") or {}), _flat(plain(versions())))
+    return reasons + [f"changed since: {line}" for line in changes]
 
 
 def _changes(before: Mapping[str, Any], now: Mapping[str, Any]) -> list[str]:

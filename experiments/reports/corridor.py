@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from experiments.recording.recording import plain
+from experiments.recording.plain import plain
 from experiments.reports.corridor_table import LEGEND, FilterRun, corridor_table
 from experiments.reports.media import distance_colours, obstacle_shapes
 from experiments.reports.page import PlotPart, write_page

@@ -5,29 +5,29 @@ from typing import Any, Protocol
 
 from numpy.typing import NDArray
 
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.metrics.scores import TOUCH
 from experiments.reports.table import Cell, Column, Row, Table
 
 FIGURES = (
-    Figure("J", "J"),
-    Figure("C", "C"),
-    Figure("S", "S"),
-    Figure("S_environment", "S, obstacles"),
-    Figure("S_self", "S, own bodies"),
-    Figure("feasible_rate", "R_feas", "%", 1e2),
-    Figure("infeasible_ticks", "infeasible ticks"),
-    Figure("phi_hand_max_m", "largest hand phi", "mm", 1e3),
-    Figure("min_h_hand_m", "nearest hand", "mm", 1e3, "negative"),
-    Figure("min_h_obstacle_m", "nearest body", "mm", 1e3, "negative"),
-    Figure("min_h_self_collision_m", "own bodies", "mm", 1e3, "negative"),
-    Figure("min_joint_limit_rad", "room to limits", "rad", bad="negative"),
-    Figure("collision_ticks", "collision ticks", bad="positive"),
-    Figure("violation_mean", "violation", "m/s"),
-    Figure("excess_mean", "excess", "m/s"),
-    Figure("switches_per_s", "switches", "1/s"),
-    Figure("jump_rms", "jumps", "rad/s"),
-    Figure("filter_ms_median", "filter, median", "ms"),
+    Metric("J", "J"),
+    Metric("C", "C"),
+    Metric("S", "S"),
+    Metric("S_environment", "S, obstacles"),
+    Metric("S_self", "S, own bodies"),
+    Metric("feasible_rate", "R_feas", "%", 1e2),
+    Metric("infeasible_ticks", "infeasible ticks"),
+    Metric("phi_hand_max_m", "largest hand phi", "mm", 1e3),
+    Metric("min_h_hand_m", "nearest hand", "mm", 1e3, "negative"),
+    Metric("min_h_obstacle_m", "nearest body", "mm", 1e3, "negative"),
+    Metric("min_h_self_collision_m", "own bodies", "mm", 1e3, "negative"),
+    Metric("min_joint_limit_rad", "room to limits", "rad", bad="negative"),
+    Metric("collision_ticks", "collision ticks", bad="positive"),
+    Metric("violation_mean", "violation", "m/s"),
+    Metric("excess_mean", "excess", "m/s"),
+    Metric("switches_per_s", "switches", "1/s"),
+    Metric("jump_rms", "jumps", "rad/s"),
+    Metric("filter_ms_median", "filter, median", "ms"),
 )
 """In the order to show them."""
 
@@ -75,7 +75,7 @@ def corridor_table(runs: Sequence[FilterRun], headings: Sequence[str], caption: 
     return Table((Column("", words=True), *map(Column, headings)), tuple(rows), caption=caption)
 
 
-def figure_cell(figure: Figure, value: Any) -> Cell:
+def figure_cell(figure: Metric, value: Any) -> Cell:
     """One figure of one run; ``none`` where there was nothing to score, and no overlap that is only rounding."""
     if value is None and figure.key[0] in "CS":
         return Cell("none")

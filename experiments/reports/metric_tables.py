@@ -3,13 +3,14 @@
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from experiments.metrics.metric import Figure, known_figures
-from experiments.recording.recording import RunResult, plain, run_title
+from experiments.metrics.metric import Metric, known_metrics
+from experiments.recording.plain import plain
+from experiments.recording.recording import RunResult, run_title
 from experiments.reports.table import Cell, Column, Row, Table
 
 
 def rows_table(
-    rows: Sequence[Mapping[str, Any]], figures: Sequence[Figure], title: str = "", caption: str = ""
+    rows: Sequence[Mapping[str, Any]], figures: Sequence[Metric], title: str = "", caption: str = ""
 ) -> Table:
     """A row for each of ``rows``, a column for each of the ``figures``; columns whose values are words to the left."""
     columns = (Column(f.words, f.unit, _all_words([row.get(f.key) for row in rows])) for f in figures)
@@ -23,15 +24,15 @@ def _all_words(values: Sequence[Any]) -> bool:
 
 def runs_table(results: Sequence[RunResult]) -> Table:
     """The summaries of runs side by side: a column for each run, a row for each figure that one of them has."""
-    lines = ((figure, [plain(v) for v in values]) for figure, values in known_figures(results))
+    lines = ((figure, [plain(v) for v in values]) for figure, values in known_metrics(results))
     return side_by_side([run_title(r) for r in results], lines)
 
 
-def side_by_side(headings: Sequence[str], lines: Iterable[tuple[Figure, Sequence[Any]]]) -> Table:
+def side_by_side(headings: Sequence[str], lines: Iterable[tuple[Metric, Sequence[Any]]]) -> Table:
     """A column under each of the ``headings``; of each line the figure and its value in every column."""
     rows = (Row((figure.words, *(_cell(figure, v) for v in values)), figure.unit) for figure, values in lines)
     return Table((Column("", words=True), *map(Column, headings)), tuple(rows))
 
 
-def _cell(figure: Figure, value: Any) -> Cell:
+def _cell(figure: Metric, value: Any) -> Cell:
     return Cell(figure.text(value), figure.is_bad(value))

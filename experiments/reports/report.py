@@ -7,7 +7,8 @@ from pathlib import Path
 from urllib.parse import quote
 
 from experiments.recording.gait_phases import swings
-from experiments.recording.recording import RunResult, plain, run_title
+from experiments.recording.plain import plain
+from experiments.recording.recording import RunResult, run_title
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.page import PlotPart, data_uri, write_page
 from experiments.reports.plots import balance, distances, signals

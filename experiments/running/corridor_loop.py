@@ -9,19 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.policies.nominal import NominalPolicy, benchmark_limits
+from experiments.metrics.balance import versions
 from experiments.metrics.scores import TOUCH, control_score, feasible_rate, safety_score, tracking_score
+from experiments.recording.recording import RunResult, description_digest
+from experiments.running.ending import INTERRUPTED
 from experiments.scenarios.corridor import (
     CLOSING,
+    COLLISION_MODEL,
     D_MIN,
     HAND_BODIES,
     HAND_OFFSETS,
     OBSTACLES,
     Corridor,
     corridor_kinematics,
+    corridor_robot,
     rest_posture,
     start_posture,
 )
-from robots.checks import require_one_of, require_positive
+from experiments.scenarios.corridor_case import CorridorCase
+from robots.checks import require_between, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.messages import Array
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, SelfCollisionBarrier
@@ -195,20 +201,68 @@ class CorridorLoop:
         }.get(len(result.conflict()), "each alone could be met, together they cannot (method infeasibility)")
         return f"{explain(result, self.labels)}\n  {kind}"
 
-    def run(self, duration: float, advance: Callable[[float], None] | None = None) -> CorridorRun:
-        """Run for ``duration`` [s]; ``advance`` is called with the simulated time now and then."""
-        ticks = []
+    def run(
+        self, duration: float, advance: Callable[[float], None] | None = None, asked: Callable[[], bool] | None = None
+    ) -> CorridorRun:
+        """Run for ``duration`` [s].
+
+        Args:
+            duration: of the run.
+            advance: called with the simulated time now and then.
+            asked: whether the run is to end before its time, asked after every tick.
+        """
+        ticks, interrupted = [], False
         for k in range(max(1, round(duration / DT))):
             ticks.append(self.tick())
             if advance is not None and k % 20 == 0:
                 advance(self.plant.time)
-        if advance is not None:
+            if interrupted := asked is not None and asked():
+                break
+        if advance is not None and not interrupted:
             advance(duration)
         series = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}
         explanation = self.explanation()
         head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.settings.infeasible}
-        summary = head | summarise(series, self) | {"explanation": explanation}
+        summary = (
+            head
+            | summarise(series, self)
+            | {"stop_cause": INTERRUPTED if interrupted else None, "explanation": explanation}
+        )
         return CorridorRun(self.name, variant_title(self.name), summary, series, explanation)
+
+
+def corridor_loop(case: CorridorCase) -> CorridorLoop:
+    """The loop of a case.
+
+    Raises:
+        ConfigError: one of its fields is not allowed.
+    """
+    require_between("duration", case.duration, 0.1, 120.0)
+    if case.seed is not None:
+        require_between("seed", case.seed, 0, 2**63 - 1)
+    return CorridorLoop(corridor_robot(), Corridor(case.gap, case.seed), case.filter, case.weight, case.margins)
+
+
+def run_case(case: CorridorCase, ticks: int | None = None) -> RunResult:
+    """Run one filter through the corridor, or only its first ``ticks``; see :func:`experiments.running.run.run`."""
+    loop = corridor_loop(case)
+    asked = None if ticks is None else lambda: round(loop.plant.time / DT) >= ticks
+    return recording_of(case, loop, loop.run(case.duration, asked=asked))
+
+
+def recording_of(case: CorridorCase, loop: CorridorLoop, run: CorridorRun) -> RunResult:
+    """A finished run as it is saved."""
+    robot = corridor_robot()
+    config = {
+        "scenario": case.to_json(),
+        "robot": "g1",
+        "collision_model": COLLISION_MODEL,
+        "robot_digest": description_digest(robot),
+        "dt": DT,
+        "d_min": D_MIN,
+        "rows": loop.labels,
+    }
+    return RunResult(robot, config, {"scenario": case.name, **run.summary, "versions": versions()}, run.series)
 
 
 def _readable(label: str) -> str:

@@ -1,17 +1,14 @@
 """When a run is over before its time: after a fall, a stop, or when the simulation breaks down."""
 
-import numpy as np
+from collections.abc import Callable
 
+from experiments.metrics.falls import has_fallen
 from experiments.recording.outcome import Outcome
 from experiments.running.loop import ClosedLoop, Observer
-from robots.messages import Array
 from sims.plant import MujocoPlant
 
-FALL_TILT = np.cos(np.deg2rad(60.0))
-"""Cosine of the base's tilt from which the robot counts as fallen."""
-
-FALL_HEIGHT = 0.6
-"""Share of its first height below which the base counts as fallen."""
+INTERRUPTED = "interrupted"
+"""Cause of a stop by a person: what was simulated until then counts."""
 
 POST_ROLL = 0.5
 """Time that is still simulated after a fall or a stop [s]."""
@@ -31,7 +28,7 @@ class Ending(Observer):
         self._plant = plant
         self.outcome = Outcome(None, 0.0)
         self._end = float("inf")
-        self._start_height = float(plant.true_state().q[2])
+        self._stands_at = float(plant.true_state().q[2] - plant.sole_corners()[..., 2].mean())
 
     def ends(self, loop: ClosedLoop) -> bool:
         """See :meth:`Observer.ends`."""
@@ -40,7 +37,7 @@ class Ending(Observer):
         if plant.unstable:
             agent.hold("the simulation became unstable: try a smaller physics step", plant.time)
             return True
-        if self.outcome.fell_at is None and self._has_fallen(plant.true_state().q):
+        if self.outcome.fell_at is None and has_fallen(plant.true_state().q, plant.sole_corners(), self._stands_at):
             self.outcome.fell_at = plant.time
             self._end = min(self._end, began + POST_ROLL)
         if agent.stop_cause is not None:
@@ -48,6 +45,30 @@ class Ending(Observer):
             self._end = min(self._end, agent.supervisor.stopped_at + rest)
         return loop.time >= self._end - 0.5 * agent.dt
 
-    def _has_fallen(self, q: Array) -> bool:
-        upright = 1 - 2 * (q[3] * q[3] + q[4] * q[4])
-        return bool(upright < FALL_TILT or q[2] < FALL_HEIGHT * self._start_height)
+
+class Interruption(Observer):
+    """Ends a run when somebody asks for it, between two control periods."""
+
+    def __init__(self, asked: Callable[[], bool]) -> None:
+        """``asked``: whether the run is to end."""
+        self._asked = asked
+
+    def ends(self, loop: ClosedLoop) -> bool:
+        """See :meth:`Observer.ends`."""
+        if self._asked():
+            self.ended_by = INTERRUPTED
+        return self.ended_by is not None
+
+
+class InterruptionAt(Observer):
+    """Ends a run where another one was interrupted, so that the two can be compared."""
+
+    def __init__(self, duration: float) -> None:
+        """``duration``: of the other run [s]."""
+        self._duration = duration
+
+    def ends(self, loop: ClosedLoop) -> bool:
+        """See :meth:`Observer.ends`."""
+        if loop.time >= self._duration - 0.5 * loop.agent.dt:
+            self.ended_by = INTERRUPTED
+        return self.ended_by is not None

@@ -35,7 +35,13 @@ class EmptyWorld:
 
 
 class Observer:
-    """Is told what happens in a loop. Each method does nothing by itself."""
+    """Is told what happens in a loop. Each method does nothing by itself.
+
+    Attributes:
+        ended_by: why it ended the run, where the summary is to tell.
+    """
+
+    ended_by: str | None = None
 
     def began(self, loop: "ClosedLoop") -> None:
         """The agent was reset; nothing has moved yet."""

@@ -1,6 +1,5 @@
 """Runs of a study: side by side, each saved by the process that made it, which hands back its figures only."""
 
-import json
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,9 +12,9 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from experiments.recording.recording import RunResult, plain, prepare_folder, save_result
-from experiments.scenarios.options import RunOptions
-from experiments.scenarios.registry import experiment_of
+from experiments.recording.recording import RunResult, save_result
+from experiments.running.run import run
+from experiments.scenarios.scenario import Scenario
 
 T = TypeVar("T")
 Row = dict[str, Any]
@@ -50,7 +49,7 @@ class RunTask:
         series: whether the time series are saved too.
     """
 
-    options: RunOptions
+    options: Scenario
     folder: Path
     words: Mapping[str, Any]
     series: bool = True
@@ -58,20 +57,9 @@ class RunTask:
     def __call__(self) -> Row:
         """Run, save, and return the line."""
         start = time.process_time()
-        result = experiment_of(self.options).run(self.options)
-        save(result, self.folder, self.series)
+        result = run(self.options)
+        save_result(result, self.folder, self.series)
         return row(result) | dict(self.words) | {"cpu_s": time.process_time() - start}
-
-
-def save(result: RunResult, folder: Path, series: bool) -> None:
-    """Write a run; without ``series`` only ``config.json`` and ``summary.json``."""
-    if series:
-        save_result(result, folder)
-        return
-    prepare_folder(folder)
-    for name in ("config", "summary"):
-        text = json.dumps(plain(getattr(result, name)), indent=2, allow_nan=False)
-        (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
 
 
 def row(result: RunResult) -> Row:

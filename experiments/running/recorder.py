@@ -96,8 +96,10 @@ class Recorder(Observer):
             "foot_wrench": plant.contact_wrenches(),
             "corners": plant.sole_corners(),
         }
-        if obstacles := self._obstacles(t):
-            row["obstacle"] = np.append(obstacles[0].position, obstacles[0].radius)
+        if bodies := self._obstacles(t):
+            row["obstacles"] = np.array([body.position for body in bodies])
+            if spheres := [body for body in bodies if body.kind == "sphere"]:
+                row["obstacle"] = np.append(spheres[0].position, spheres[0].radius)
         return row
 
     def _reference_row(self) -> dict[str, Any]:

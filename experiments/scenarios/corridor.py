@@ -14,6 +14,9 @@ from robots.pinocchio_model import upper_body_joints
 from safety.filters.conditions import SET_MARGINS
 from safety.geometry.shapes import Obstacle
 
+COLLISION_MODEL = "g1_spheres"
+"""Bodies of the robot: the spheres of the p-SSA paper."""
+
 HAND_BODIES = ("left_hand", "right_hand")
 HAND_OFFSETS = dict.fromkeys(HAND_BODIES, np.array([0.05, 0.0, 0.0]))
 """What is brought to the goals: the centres of the hands' spheres, in the axes of the bodies that carry them [m]."""
@@ -136,7 +139,7 @@ def _pulse(t: float, there: tuple[float, float], back: tuple[float, float]) -> t
 
 def corridor_robot() -> RobotDescription:
     """The G1 with the 19 spheres and 29 pairs of the p-SSA paper."""
-    return with_collision_model(load_robot("g1"), "g1_spheres")
+    return with_collision_model(load_robot("g1"), COLLISION_MODEL)
 
 
 def corridor_kinematics(robot: RobotDescription) -> Kinematics:

@@ -1,10 +1,21 @@
 """Options of the runs: what the command line offers, as dataclasses; nothing heavy is imported here."""
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import tyro
+
+from robots.errors import ConfigError
+
+
+def refuse_without(options: Any, given: bool, names: Sequence[str], needed: str) -> None:
+    """Raise :class:`ConfigError` where one of the fields ``names`` is set and what they need is not ``given``."""
+    for field_ in fields(options):
+        value = getattr(options, field_.name)
+        if not given and field_.name in names and value != field_.default:
+            raise ConfigError(field_.name, value, f"left out without {needed}: it has no effect")
 
 
 @dataclass(frozen=True)
@@ -65,122 +76,8 @@ class OutputOptions:
     """Write report.html."""
     video: bool = True
     """Write video.mp4 where rendering is available."""
-
-
-@dataclass(frozen=True)
-class RunOptions:
-    """What every run has."""
-
-    robot: str = "g1"
-    """Robot: g1, tocabi, or the path of a .toml description."""
-    duration: float = 10.0
-    """Simulated time [s]."""
-    control_rate: float = 500.0
-    """Control frequency; its period must be a whole number of physics steps [Hz]."""
-    seed: int = 0
-    """Seed of everything random: the sensor noise of --noise-scale and, with --obstacle, that of the obstacle's
-    sensor [-]."""
-    nan_at: float | None = None
-    """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
-    singular: str | None = None
-    """What inverse kinematics does with small singular values: damped, so that velocities do not jump, or cut, as in
-    the paper (docs/controller.md); the robot's own tuning if not given."""
-    plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
-    safety: Annotated[FilterOptions, tyro.conf.arg(name="")] = field(default_factory=FilterOptions)
-    output: Annotated[OutputOptions, tyro.conf.arg(name="")] = field(default_factory=OutputOptions)
-
-
-@dataclass(frozen=True)
-class StandOptions(RunOptions):
-    """Stand still on both feet."""
-
-
-@dataclass(frozen=True)
-class HandTrackingOptions(RunOptions):
-    """Both hands follow references while the robot stands: circles through the torso, targets in it or beyond reach."""
-
-    duration: float = 12.0
-    """Simulated time [s]."""
-    motion: str = "circles"
-    """Hand motion: circles (3D circles through the torso), beyond-reach (targets 30 cm out of reach), target (both in
-    one jump to --target), cross (each to where the other was) or hold."""
-    target: tuple[float, float, float] = (0.0, 0.03, 0.0)
-    """Only with --motion target: where the left hand is sent, from the origin of the torso's frame in the world's axes;
-    the right one mirrors it [m m m]."""
-    obstacle: bool = False
-    """A sphere of 8 cm radius passes through where the hands start, from left to right at 0.25 m/s. Best with
-    --motion hold: circles and beyond-reach have taken the hands elsewhere when it arrives, after two to three
-    seconds."""
-    obstacle_rate: float = 60.0
-    """Only with --obstacle: how often its position is measured; its velocity comes from a Kalman filter [Hz]."""
-    obstacle_noise: float = 0.005
-    """Only with --obstacle: standard deviation of each measured coordinate [m]."""
-    obstacle_velocity: str = "estimated"
-    """Only with --obstacle: what the filter is told of its velocity: estimated, zero or true, to compare."""
-    obstacle_kappa: float = 0.0
-    """Only with --obstacle: by how many standard deviations of its estimated position it is taken as larger [-]."""
-    obstacle_lost_at: float | None = None
-    """Only with --obstacle: it is not seen any more from this time on, to see the controlled stop [s]."""
-
-
-@dataclass(frozen=True)
-class TaichiOptions(RunOptions):
-    """Stand on the left leg while both hands go to far targets.
-
-    The CoM goes over the left foot in 10 s; then the right foot is up for 10 s, and comes down again.
-    """
-
-    duration: float = 30.0
-    """Simulated time [s]."""
-    torque: str = "full"
-    """What the motors are told: full; pd-only (no torque of DynWBC, only joint PD); gravity (gravity compensation and
-    joint PD: no wrench tracking, no contact wrench cone)."""
-    load_estimate: bool = False
-    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
-    push: tuple[str, ...] = ()
-    """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
-    x axis; for example 60,left,17.5."""
-
-
-@dataclass(frozen=True)
-class LateralStepsOptions(RunOptions):
-    """Side steps whose nominal footholds lie so close that the feet would collide."""
-
-    duration: float = 16.0
-    """Simulated time [s]."""
-    load_estimate: bool = True
-    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
-
-
-@dataclass(frozen=True)
-class WalkOptions(RunOptions):
-    """Walk at a commanded velocity of the body, or by a script of commands.
-
-    The robot stands for the first second, and is told to stop 3 s before the end.
-    Without a script and with --vx 0 --vy 0 --wz 0 it steps on the spot.
-    """
-
-    duration: float = 20.0
-    """Simulated time, above 4 s [s]."""
-    vx: float = 0.2
-    """Velocity forward [m/s]."""
-    vy: float = 0.0
-    """Velocity to the left [m/s]."""
-    wz: float = 0.0
-    """Turning to the left [rad/s]."""
-    script: Path | None = None
-    """File of commands, one a line: time [s], vx [m/s], vy [m/s], wz [rad/s]; or time and the word stop, or step (on
-    the spot). Each holds until the next; # begins a comment. Takes the place of --vx --vy --wz."""
-    hands: bool = False
-    """Hold the hands in front of the body, as tasks; otherwise the arms keep their posture."""
-    load_estimate: bool = True
-    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
-    push: tuple[str, ...] = ()
-    """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
-    x axis; for example 80,left,5."""
-    obstacle: str = "none"
-    """A sphere of 8 cm radius to the left of the way at the height of the left hand, 4 cm into where the hand goes:
-    none, static, or moving (towards the robot at 0.25 m/s); only on a straight walk forward."""
+    overwrite: bool = False
+    """Write over a run that the folder holds already; it is kept until the new one is whole."""
 
 
 @dataclass(frozen=True)
@@ -207,6 +104,8 @@ class CorridorOptions:
     5 cm to either board [m]."""
     out: Path | None = None
     """Folder of the results; runs/corridor-<time> if not given."""
+    overwrite: bool = False
+    """Write over runs that the folder holds already."""
     report: bool = True
     """Write report.html."""
 
@@ -272,6 +171,8 @@ class TableOptions:
     """Runs at a time [-]."""
     out: Path | None = None
     """Folder of the runs, each in a folder of its own; runs/table-<time> if not given."""
+    overwrite: bool = False
+    """Write over runs that the folder holds already."""
 
 
 @dataclass(frozen=True)

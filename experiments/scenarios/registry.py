@@ -1,102 +1,94 @@
-"""The experiments by name: their options, and where their checks and runs are. Each module is imported when needed."""
+"""The scenarios by name, and how one from outside the project is found; nothing heavy is imported here."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+import os
+import sys
+from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from experiments.recording.recording import RunResult
-from experiments.scenarios.options import (
-    HandTrackingOptions,
-    LateralStepsOptions,
-    RunOptions,
-    StandOptions,
-    TaichiOptions,
-    WalkOptions,
-)
-from experiments.studies.study_options import RandomWalkOptions
-from robots.description import RobotDescription
-from robots.errors import UnknownNameError
+from experiments.scenarios.content import from_plain
+from experiments.scenarios.corridor_case import CorridorCase
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.pushed import Pushed
+from experiments.scenarios.random_walk import RandomWalk
+from experiments.scenarios.scenario import SCENARIO, Runnable, Scenario
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
+from robots.errors import ConfigError, UnknownNameError
 
-Progress = Callable[[float], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """One experiment of ``safewbc run``.
-
-    Attributes:
-        name: on the command line and in ``summary.json``.
-        options: class of its options.
-        checker: ``module:function`` below ``experiments`` that checks options and returns the robot.
-        runner: ``module:function`` below ``experiments`` that runs with options and progress.
-    """
-
-    name: str
-    options: type[RunOptions]
-    checker: str
-    runner: str
-
-    def check(self, options: RunOptions) -> RobotDescription:
-        """Check every option before anything is made or written; returns the robot.
-
-        Raises:
-            SafeWbcError: an option is not allowed.
-        """
-        return _function(self.checker)(options)
-
-    def run(self, options: RunOptions, progress: Progress | None = None) -> RunResult:
-        """Run it; ``progress`` is called with the simulated time [s] now and then.
-
-        Raises:
-            SafeWbcError: an option is not allowed; nothing has run then.
-        """
-        return _function(self.runner)(options, progress)
-
-
-def _function(path: str) -> Any:
-    module, name = path.split(":")
-    return getattr(import_module(f"experiments.{module}"), name)
-
-
-EXPERIMENTS = (
-    Experiment("stand", StandOptions, "running.run:check_options", "scenarios.stand:run_stand"),
-    Experiment(
-        "hand-tracking",
-        HandTrackingOptions,
-        "scenarios.hand_tracking:check_hand_tracking",
-        "scenarios.hand_tracking:run_hand_tracking",
-    ),
-    Experiment("taichi", TaichiOptions, "scenarios.taichi:check_taichi", "scenarios.taichi:run_taichi"),
-    Experiment(
-        "lateral-steps",
-        LateralStepsOptions,
-        "scenarios.lateral_steps:check_lateral_steps",
-        "scenarios.lateral_steps:run_lateral_steps",
-    ),
-    Experiment("walk", WalkOptions, "scenarios.walk:check_walk", "scenarios.walk:run_walk"),
-    Experiment(
-        "random-walk",
-        RandomWalkOptions,
-        "studies.random_walks:check_random_walk",
-        "studies.random_walks:run_random_walk",
-    ),
+SCENARIOS: tuple[type[Scenario], ...] = (
+    Stand,
+    HandTracking,
+    Taichi,
+    LateralSteps,
+    Walk,
+    RandomWalk,
+    Pushed,
 )
 """In the order of the command line."""
 
-
-def experiment_of(options: RunOptions) -> Experiment:
-    """The experiment that options belong to."""
-    return next(e for e in EXPERIMENTS if type(options) is e.options)
+RUNNABLE: tuple[type[Runnable], ...] = (*SCENARIOS, CorridorCase)
+"""What folders of runs may hold."""
 
 
-def experiment_called(name: str) -> Experiment:
-    """The experiment of this name.
+def scenario_called(name: str) -> type[Runnable]:
+    """The scenario of this name; ``module:Class`` is one from outside the project.
 
     Raises:
-        UnknownNameError: there is none.
+        UnknownNameError: there is none of this name.
+        ConfigError: the module cannot be imported, or has no such scenario.
     """
-    for experiment in EXPERIMENTS:
-        if experiment.name == name:
-            return experiment
-    raise UnknownNameError("experiment", name, [e.name for e in EXPERIMENTS])
+    known = {scenario.name: scenario for scenario in RUNNABLE}
+    if name in known:
+        return known[name]
+    if ":" not in name:
+        raise UnknownNameError("scenario", name, [*known, "or module:Class of one's own"])
+    return _imported(name)
+
+
+def own_scenario(reference: str) -> type[Scenario]:
+    """A scenario of the whole body from outside the project, by its ``module:Class``.
+
+    Raises:
+        ConfigError: the module cannot be imported, or has no such scenario.
+    """
+    found = _imported(reference)
+    if not issubclass(found, Scenario):
+        raise ConfigError("scenario", reference, "a subclass of experiments.scenarios.scenario.Scenario")
+    return found
+
+
+def _imported(reference: str) -> type[Runnable]:
+    module, _, name = reference.partition(":")
+    here = os.getcwd()
+    # last: no folder of the user's own may hide one of the project's
+    if here not in sys.path:
+        sys.path.append(here)
+    try:
+        found = getattr(import_module(module), name)
+    except (ImportError, AttributeError, ValueError) as error:
+        raise ConfigError(
+            "scenario", reference, f"module:Class of a scenario that can be imported ({error})"
+        ) from error
+    if not (isinstance(found, type) and issubclass(found, Runnable)):
+        raise ConfigError("scenario", reference, "a subclass of experiments.scenarios.scenario.Runnable")
+    return found
+
+
+def reference_to(scenario: type[Runnable]) -> str:
+    """What :func:`scenario_called` finds the class by: its name, or ``module:Class`` from outside the project."""
+    return scenario.name if scenario in RUNNABLE else f"{scenario.__module__}:{scenario.__qualname__}"
+
+
+def read_scenario(table: Any) -> Runnable:
+    """A scenario from the table that :meth:`Runnable.to_json` made of it.
+
+    Raises:
+        SafeWbcError: no such scenario, or a field is unknown or not of its type; names it and what is allowed.
+    """
+    if not isinstance(table, Mapping) or SCENARIO not in table:
+        raise ConfigError(SCENARIO, table, f"a table with the entry {SCENARIO!r}")
+    kind = scenario_called(str(table[SCENARIO]))
+    return from_plain(kind, {k: v for k, v in table.items() if k != SCENARIO}, str(table[SCENARIO]))

@@ -1,117 +1,160 @@
-"""What happens in a run, apart from its options: posture, gait, hands, obstacles, pushes."""
+"""What a scenario is: data that decides a run, and the set-up that follows from it; nothing heavy is imported here."""
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 
-import numpy as np
+import tyro
 
-from controllers.agent import Agent, MakeGait, MakeMotion
-from controllers.reference import WholeBodyReference
-from experiments.scenarios.obstacles import Encounter
-from robots.checks import require_non_negative
-from robots.description import RobotDescription
+from experiments.metrics.metric import Metric
+from experiments.recording.channels import Channel
+from experiments.scenarios.content import Content
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.pushes import Push
+from experiments.scenarios.world import WorldObject
 from robots.errors import ConfigError
-from robots.messages import Array
 
-PUSH_TIME = 0.1
-"""How long a push lasts [s]."""
+if TYPE_CHECKING:
+    from controllers.agent import MakeGait, MakeMotion
+    from controllers.gaits.commands import CommandProfile
+    from robots.description import RobotDescription
+    from robots.kinematics import Kinematics
+    from robots.messages import Array
+    from safety.barriers.barrier import Barrier
 
-DIRECTIONS = {"forward": 0.0, "left": 90.0, "backward": 180.0, "right": 270.0}
-"""Directions of a push by name, seen from above, anticlockwise from the world's x axis [deg]."""
-
-MakeEncounter = Callable[[RobotDescription, WholeBodyReference, np.random.Generator], Encounter]
-Series = dict[str, Array]
-
-
-Extra = Callable[[Agent, Array, float], Series]
-Figures = Callable[[RobotDescription, Series], dict[str, Any]]
+SCENARIO = "scenario"
+"""Entry of a table that names the scenario it holds."""
 
 
 @dataclass(frozen=True, slots=True)
-class Push:
-    """A constant force on the torso for ``PUSH_TIME``.
+class Setup:
+    """What the controller of a run begins with, made from a scenario and its robot.
 
     Attributes:
-        force: [N].
-        direction: horizontal, from the world's x axis [deg].
-        time: when it begins [s].
-    """
-
-    force: float
-    direction: float
-    time: float
-
-    def __post_init__(self) -> None:
-        require_non_negative("push force", self.force)
-        require_non_negative("push time", self.time)
-        if not math.isfinite(self.direction):
-            raise ConfigError("push direction", self.direction, "a finite angle in degrees")
-
-    def at(self, t: float) -> Array:
-        """Its force (3,) at ``t`` [s], world axes [N]."""
-        if not -1e-9 <= t - self.time < PUSH_TIME - 1e-9:
-            return np.zeros(3)
-        angle = math.radians(self.direction)
-        return self.force * np.array([math.cos(angle), math.sin(angle), 0.0])
-
-
-def parse_push(text: str) -> Push:
-    """A push from ``N,direction,time``: newtons, ``forward``, ``left``, ``backward``, ``right`` or degrees, seconds.
-
-    Raises:
-        ConfigError: it is something else.
-    """
-    allowed = "force,direction,time: newtons, " + ", ".join(DIRECTIONS) + " or degrees, seconds"
-    try:
-        force, direction, time = text.split(",")
-        angle = DIRECTIONS[direction] if direction in DIRECTIONS else float(direction)
-        return Push(float(force), angle, float(time))
-    except ValueError as error:
-        if isinstance(error, ConfigError):
-            raise
-        raise ConfigError("push", text, allowed) from error
-
-
-def parse_pushes(texts: Sequence[str], duration: float) -> list[Push]:
-    """The pushes of a run of ``duration`` [s], as :func:`parse_push` reads them.
-
-    Raises:
-        ConfigError: one of them is no push, or begins after the end of the run.
-    """
-    pushes = [parse_push(text) for text in texts]
-    for push, text in zip(pushes, texts, strict=True):
-        if push.time >= duration:
-            raise ConfigError("push", text, f"within the run's {duration:g} s")
-    return pushes
-
-
-@dataclass(frozen=True, slots=True)
-class Scenario:
-    """What happens in a run.
-
-    Attributes:
-        experiment: its name, for the summary.
         posture: name of the posture it starts from.
         hands: makes the motion of the hands; ``None``: the hands are no task.
         gait: makes what moves feet and balance; ``None``: the robot stands on both feet.
-        encounter: makes the obstacle; ``None``: there is none.
-        pushes: on the torso.
-        changes: fields of the controller's configuration that this scenario sets.
-        settings: of the gait, by the names of their tables below ``[tuning]``: what the configuration tells of them.
-        extra: further series, one value per control tick, computed before the run from an agent of their
-            own, the first configuration (nq,) and the run's duration [s].
-        figures: further figures of the summary, from the robot and the recorded series.
+        command: velocities that the gait is asked for, recorded as ``command``.
+        changes: fields of the controller's configuration that the scenario sets.
+        settings: of the gait, by the names of their tables below ``[tuning]``, for the record.
+        reference_motion: whether the motion that the references ask for is computed too, for comparison.
     """
 
-    experiment: str
     posture: str = "standing"
     hands: MakeMotion | None = None
     gait: MakeGait | None = None
-    encounter: MakeEncounter | None = None
-    pushes: Sequence[Push] = ()
+    command: CommandProfile | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
-    settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    extra: Extra | None = None
-    figures: Figures | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    reference_motion: bool = False
+
+
+@dataclass(frozen=True)
+class Runnable(Content, ABC):
+    """Whatever can be run and recorded: its fields decide the run."""
+
+    name: ClassVar[str]
+    """On the command line, in files and folders."""
+    metrics: ClassVar[tuple[Metric, ...]] = ()
+    """Metrics that other runs do not have, declared."""
+    channels: ClassVar[tuple[Channel, ...]] = ()
+    """Recorded arrays that other runs do not have, declared."""
+
+    def to_json(self) -> dict[str, Any]:
+        """See :meth:`Content.to_json`; names the class besides, so that :func:`read_scenario` finds it."""
+        from experiments.scenarios.registry import reference_to
+
+        return {SCENARIO: reference_to(type(self))} | super().to_json()
+
+    @classmethod
+    def from_json(cls, table: Any) -> Self:
+        """What :meth:`to_json` gave, back.
+
+        Raises:
+            SafeWbcError: the table is of another class, or a field is unknown or not of its type.
+        """
+        from experiments.scenarios.registry import read_scenario
+
+        read = read_scenario(table)
+        if not isinstance(read, cls):
+            raise ConfigError(SCENARIO, table[SCENARIO], f"a {cls.__name__}")
+        return read
+
+
+@dataclass(frozen=True)
+class Scenario(Runnable):
+    """What happens in a run of the whole body: a frozen dataclass of options with the set-up that they mean.
+
+    A subclass adds its options as fields, documented one by one as they are here, and says in :meth:`setup` what they
+    mean. Its docstring, the fields and their documentation are its page of ``safewbc run``.
+    """
+
+    robot: str = "g1"
+    """Robot: g1, tocabi, or the path of a .toml description."""
+    duration: float = 10.0
+    """Simulated time [s]."""
+    control_rate: float = 500.0
+    """Control frequency; its period must be a whole number of physics steps [Hz]."""
+    seed: int = 0
+    """Seed of everything random: the sensor noise of --noise-scale and, with --obstacle, that of the obstacle's
+    sensor [-]."""
+    nan_at: float | None = None
+    """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
+    singular: str | None = None
+    """What inverse kinematics does with small singular values: damped, so that velocities do not jump, or cut, as in
+    the paper (docs/controller.md); the robot's own tuning if not given."""
+    plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
+    safety: Annotated[FilterOptions, tyro.conf.arg(name="")] = field(default_factory=FilterOptions)
+    pushes: Annotated[tuple[Push, ...], tyro.conf.Suppress] = ()
+    """On the torso, beside those that options ask for."""
+    world: Annotated[tuple[WorldObject, ...], tyro.conf.Suppress] = ()
+    """Bodies around the robot, beside those that options ask for."""
+
+    @abstractmethod
+    def setup(self, robot: RobotDescription) -> Setup:
+        """What the options mean for a robot.
+
+        Raises:
+            SafeWbcError: an option is not allowed, or the description lacks what the scenario needs.
+        """
+
+    def all_pushes(self, robot: RobotDescription) -> tuple[Push, ...]:
+        """Every push of the run."""
+        return self.pushes
+
+    def objects(self, robot: RobotDescription) -> tuple[WorldObject, ...]:
+        """Every body around the robot."""
+        return self.world
+
+    def mismatch(self, robot: RobotDescription) -> PlantOptions:
+        """How the simulated robot differs from the controller's model."""
+        return self.plant
+
+    def extra_barriers(self, kin: Kinematics) -> Sequence[Barrier]:
+        """Barriers of one's own beside the standard ones, which the safety filter keeps too."""
+        return ()
+
+    def measure(self, robot: RobotDescription, series: Mapping[str, Array]) -> dict[str, Any]:
+        """What ``metrics`` declare, from the recorded series."""
+        return {}
+
+    def is_random(self, robot: RobotDescription) -> bool:
+        """Whether anything depends on the seed."""
+        seen = any(o.sensor is not None and o.sensor.noise > 0 for o in self.objects(robot))
+        return seen or self.mismatch(robot).noise_scale > 0
+
+    def to_json(self) -> dict[str, Any]:
+        """See :meth:`Runnable.to_json`; a robot given by its file is named by the absolute path."""
+        robot = str(Path(self.robot).resolve()) if self._robot_file() else self.robot
+        return super().to_json() | {"robot": robot}
+
+    def files(self) -> list[Path]:
+        """See :meth:`Content.files`."""
+        return [*super().files(), *self._robot_file()]
+
+    def _robot_file(self) -> list[Path]:
+        return [Path(self.robot)] if self.robot.endswith(".toml") else []

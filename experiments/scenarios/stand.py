@@ -1,13 +1,22 @@
 """Standing still on both feet."""
 
-from collections.abc import Callable
+from __future__ import annotations
 
-from experiments.recording.recording import RunResult
-from experiments.running.run import run
-from experiments.scenarios.options import StandOptions
-from experiments.scenarios.scenario import Scenario
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, ClassVar
+
+from experiments.scenarios.scenario import Scenario, Setup
+
+if TYPE_CHECKING:
+    from robots.description import RobotDescription
 
 
-def run_stand(options: StandOptions, progress: Callable[[float], None] | None = None) -> RunResult:
-    """Stand for ``options.duration``; see :func:`experiments.running.run.run`."""
-    return run(Scenario("stand"), options, progress)
+@dataclass(frozen=True)
+class Stand(Scenario):
+    """Stand still on both feet."""
+
+    name: ClassVar[str] = "stand"
+
+    def setup(self, robot: RobotDescription) -> Setup:
+        """Nothing moves: see :meth:`Scenario.setup`."""
+        return Setup()

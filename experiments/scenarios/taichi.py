@@ -1,134 +1,55 @@
 """Standing on one leg while the hands go to far targets, TAICHI: section 5.3.1 of Lee et al."""
 
-import dataclasses
-from collections.abc import Callable
-from typing import Any
+from __future__ import annotations
 
-import numpy as np
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
 
-from controllers.gaits.gait import Gait
-from controllers.gaits.one_leg import HandsThereAndBack, OneLeg, OneLegTuning
-from controllers.motions.hands import Motion
-from controllers.reference import WholeBodyReference
-from controllers.whole_body.config import BalanceTuning, FilterTuning
-from controllers.whole_body.feedforward import TORQUE_MODES
-from controllers.whole_body.robot_config import controller_config, from_table
-from experiments.recording.recording import RunResult
-from experiments.running.reference_motion import reference_motion
-from experiments.running.run import check_options, filter_changes, run
-from experiments.scenarios.hand_tracking import arm_length
-from experiments.scenarios.options import TaichiOptions
-from experiments.scenarios.scenario import Scenario, Series, parse_pushes
-from robots.checks import require_one_of
-from robots.description import RobotDescription
-from robots.kinematics import Kinematics
-from robots.messages import Array
+from experiments.metrics.declared_motion import ONE_LEG
+from experiments.metrics.metric import Metric
+from experiments.scenarios.pushes import Push, parse_pushes
+from experiments.scenarios.scenario import Scenario, Setup
 
-ARM = 0.7473
-"""Length of the paper's robot's arm, by :func:`experiments.scenarios.hand_tracking.arm_length` [m]."""
-
-LEFT_WAY, RIGHT_WAY = np.array([0.0, 0.6, 0.6]), np.array([0.0, -0.3, -0.3])
-"""Ways of the hands, world axes, for that arm; others go as far in proportion [m]."""
-
-BALANCE_WEIGHT = 1e5
-"""Weight of feet and balance in the filter's cost, a hundred times the default: a hand that pulls towards a target out
-of reach pulls all the time, and with the default draws the CoM a centimetre away, half of what a narrow sole has."""
-
-SWING_WEIGHT = 1e3
-"""Weight of the raised foot's position: more than the hands have, less than balance. It gives way where its ankle comes
-to a limit, as on the G1, whose foot is then held 2 cm further in."""
-
-WORKSPACE_ALPHA, WORKSPACE_EPSILON = 10.0, 0.3
-"""Of the workspace bounds [1/s, m s/rad^2], against 5 and 5 elsewhere. An arm that is nearly straight has a short
-gradient, so little margin by the ISSf term, while the body that carries it moves; and a joint with dry friction has to
-be told a velocity that is worth its while before it draws the arm in."""
-
-UP = 0.1
-"""The foot counts as up from this height of its sole's centre over where it stood [m]."""
+if TYPE_CHECKING:
+    from robots.description import RobotDescription
+    from robots.messages import Array
 
 
-def check_taichi(options: TaichiOptions) -> RobotDescription:
-    """Check every option before anything is made or written; returns the robot.
+@dataclass(frozen=True)
+class Taichi(Scenario):
+    """Stand on the left leg while both hands go to far targets.
 
-    Raises:
-        SafeWbcError: an option, or the description's ``[tuning.taichi]``, is not allowed.
+    The CoM goes over the left foot in 10 s; then the right foot is up for 10 s, and comes down again.
     """
-    require_one_of("torque", options.torque, TORQUE_MODES)
-    parse_pushes(options.push, options.duration)
-    robot = check_options(options)
-    from_table(OneLegTuning, robot, "taichi")
-    return robot
 
+    name: ClassVar[str] = "taichi"
+    metrics: ClassVar[tuple[Metric, ...]] = ONE_LEG
 
-def run_taichi(options: TaichiOptions, progress: Callable[[float], None] | None = None) -> RunResult:
-    """Stand on the left leg; see :func:`experiments.running.run.run`.
+    duration: float = 30.0
+    """Simulated time [s]."""
+    torque: str = "full"
+    """What the motors are told: full; pd-only (no torque of DynWBC, only joint PD); gravity (gravity compensation and
+    joint PD: no wrench tracking, no contact wrench cone)."""
+    load_estimate: bool = False
+    """Estimate the robot's mass from the forces under its feet; the controller's model then follows."""
+    push: tuple[str, ...] = ()
+    """Pushes of 0.1 s at the torso: N,direction,time, with forward, left, backward, right or degrees from the world's
+    x axis; for example 60,left,17.5."""
 
-    Raises:
-        SafeWbcError: an option is not allowed; nothing has run then.
-    """
-    robot = check_taichi(options)
-    tuning = from_table(OneLegTuning, robot, "taichi")
+    def setup(self, robot: RobotDescription) -> Setup:
+        """One leg and two far targets: see :meth:`Scenario.setup`."""
+        from experiments.scenarios.one_leg import one_leg_setup
 
-    gaits: list[OneLeg] = []
+        parse_pushes(self.push, self.duration)
+        return one_leg_setup(robot, self.safety, self.torque, self.load_estimate)
 
-    def gait(kin: Kinematics) -> Gait:
-        gaits.append(OneLeg(kin, tuning))
-        return gaits[-1]
+    def all_pushes(self, robot: RobotDescription) -> tuple[Push, ...]:
+        """Those of ``push`` and of ``pushes``."""
+        return (*self.pushes, *parse_pushes(self.push, self.duration))
 
-    def hands(robot: RobotDescription, reference: WholeBodyReference) -> Motion:
-        assert reference.hands is not None
-        left, right = (hand.position.copy() for hand in reference.hands)
-        return HandsThereAndBack(gaits[-1], (left, right), hand_targets(robot, left, right), tuning)
+    def measure(self, robot: RobotDescription, series: Mapping[str, Array]) -> dict[str, Any]:
+        """How long the foot was up, and what it carries at the end: see :meth:`Scenario.measure`."""
+        from experiments.scenarios.one_leg import one_leg_metrics
 
-    scenario = Scenario(
-        "taichi",
-        hands=hands,
-        gait=gait,
-        pushes=parse_pushes(options.push, options.duration),
-        changes=_changes(robot, options),
-        settings={"taichi": dataclasses.asdict(tuning)},
-        extra=reference_motion,
-        figures=taichi_figures,
-    )
-    return run(scenario, options, progress)
-
-
-def _changes(robot: RobotDescription, options: TaichiOptions) -> dict[str, Any]:
-    """What the controller needs besides the robot's own tuning, see the constants of this module."""
-    safety: FilterTuning = filter_changes(robot, options.safety)["safety"]
-    safety = dataclasses.replace(
-        safety,
-        foot_weight=BALANCE_WEIGHT,
-        swing_weight=SWING_WEIGHT,
-        balance_weight=BALANCE_WEIGHT,
-        workspace=dataclasses.replace(safety.workspace, alpha=WORKSPACE_ALPHA, epsilon=WORKSPACE_EPSILON),
-    )
-    changes: dict[str, Any] = {"torque": options.torque, "safety": safety}
-    if options.load_estimate:
-        gain = controller_config(robot).balance.dcm_gain
-        changes["balance"] = BalanceTuning(dcm_gain=gain, load_time=1.0)
-    return changes
-
-
-def hand_targets(robot: RobotDescription, left: Array, right: Array) -> tuple[Array, Array]:
-    """Where the hands go from ``left`` and ``right``, (3,) each, world [m]."""
-    kin = Kinematics(robot)
-    ways = ((left, "left", LEFT_WAY), (right, "right", RIGHT_WAY))
-    first, second = (start + arm_length(kin, side) / ARM * way for start, side, way in ways)
-    return first, second
-
-
-def taichi_figures(robot: RobotDescription, series: Series) -> dict[str, Any]:
-    """Figures of a run: how long the foot was up, what it carries at the end.
-
-    Returns:
-        ``foot_up_s``: time for which the right sole was higher than ``UP`` [s]; ``right_load_end``: share of the
-        vertical force that the right foot carries at the end, 0 where the feet carry nothing.
-    """
-    height = series["soles"][:, 1, 2] - series["soles"][0, 1, 2]
-    force = series["foot_wrench"][-1, :, 2]
-    dt = float(series["time"][1] - series["time"][0]) if len(series["time"]) > 1 else 0.0
-    return {
-        "foot_up_s": round(dt * int((height > UP).sum()), 9),
-        "right_load_end": float(force[1] / force.sum()) if force.sum() > 0 else 0.0,
-    }
+        return one_leg_metrics(series)

@@ -1,19 +1,28 @@
 """Filters side by side where conditions conflict: the scenes of figures 2(b) and 4 of the p-SSA paper in one run."""
 
-import dataclasses
-import json
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-import numpy as np
 from rich.console import Console
 
-from experiments.cli.console import make_console, progress, results_folder
-from experiments.recording.recording import plain
+from experiments.cli.console import ask_to_stop, make_console, progress, results_folder
+from experiments.recording.recording import save_result
+from experiments.recording.store import add_file, write_json, write_run
 from experiments.reports.corridor_table import corridor_table
 from experiments.reports.table import show
-from experiments.running.corridor_loop import DT, MARGINS, VARIANTS, CorridorLoop, CorridorRun, variant_title
+from experiments.running.corridor_loop import (
+    DT,
+    MARGINS,
+    VARIANTS,
+    CorridorLoop,
+    CorridorRun,
+    corridor_loop,
+    recording_of,
+    variant_title,
+)
+from experiments.running.ending import INTERRUPTED
 from experiments.scenarios.corridor import (
     CLOSING,
     COMING,
@@ -25,6 +34,7 @@ from experiments.scenarios.corridor import (
     corridor_kinematics,
     corridor_robot,
 )
+from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.options import CorridorOptions, OutputOptions
 from robots.checks import require_between, require_one_of, require_positive
 from robots.description import RobotDescription
@@ -35,22 +45,31 @@ if TYPE_CHECKING:
 
 
 def corridor(options: CorridorOptions) -> int:
-    """Run all filters, print a table, write results and report; returns 0."""
-    scene = check_corridor(options)
+    """Run all filters, print a table, write results and report; returns 0, or 130 where a person stopped it."""
+    scene, cases = check_corridor(options), corridor_cases(options)
     console = make_console()
-    titles = [variant_title(name) for name in options.filters]
     robot = corridor_robot()
-    bars = progress(console, titles, options.duration)
-    with results_folder(OutputOptions(out=options.out), "corridor") as folder:
-        loops = [CorridorLoop(robot, scene, name, options.weight, options.margins) for name in options.filters]
-        with bars as advance:
-            runs = [loop.run(options.duration, a) for loop, a in zip(loops, advance, strict=True)]
-    save_corridor(folder, options, runs, loops[0].labels)
-    show(corridor_table(runs, [run.name for run in runs]), console)
-    if options.report:
-        _report(folder, scene, robot, runs, console)
+    bars = progress(console, [variant_title(name) for name in options.filters], options.duration)
+    with results_folder(OutputOptions(out=options.out, overwrite=options.overwrite), "corridor") as folder:
+        loops = [corridor_loop(case) for case in cases]
+        runs: list[CorridorRun] = []
+        with bars as advance, ask_to_stop() as asked:
+            for loop, bar in zip(loops, advance, strict=True):
+                runs.append(loop.run(options.duration, bar, asked.is_set))
+                if asked.is_set():
+                    break
+        save_corridor(folder, cases, loops, runs)
+        show(corridor_table(runs, [run.name for run in runs]), console)
+        if options.report:
+            _report(folder, scene, robot, runs, console)
     console.print(f"results: {folder}")
-    return 0
+    return 130 if runs[-1].summary["stop_cause"] == INTERRUPTED else 0
+
+
+def corridor_cases(options: CorridorOptions) -> list[CorridorCase]:
+    """One for each filter."""
+    shared = {name: getattr(options, name) for name in ("duration", "seed", "weight", "margins", "gap")}
+    return [CorridorCase(filter=name, **shared) for name in options.filters]
 
 
 def check_corridor(options: CorridorOptions) -> Corridor:
@@ -73,24 +92,19 @@ def check_corridor(options: CorridorOptions) -> Corridor:
     return Corridor(options.gap, options.seed)
 
 
-def save_corridor(folder: Path, options: CorridorOptions, runs: Sequence[CorridorRun], labels: Sequence[str]) -> None:
-    """Write ``config.json``, ``summary.json`` (a list, one entry per run) and ``<name>/series.npz`` of each run.
+def save_corridor(
+    folder: Path, cases: Sequence[CorridorCase], loops: Sequence[CorridorLoop], runs: Sequence[CorridorRun]
+) -> None:
+    """Write each run into a folder of its own, and ``filters.json``: their summaries in a list.
 
     Raises:
         ConfigError: the folder cannot be written.
     """
-    settings = {k: v for k, v in dataclasses.asdict(options).items() if k not in {"out", "report"}}
-    config = {"experiment": "corridor", "robot": "g1", "options": settings, "dt": DT, "d_min": D_MIN, "rows": labels}
-    try:
-        for name, content in (("config", config), ("summary", [run.summary for run in runs])):
-            text = json.dumps(plain(content), indent=2, allow_nan=False)
-            (folder / f"{name}.json").write_text(text + "\n", encoding="utf-8")
-        for run in runs:
-            (folder / run.name).mkdir(exist_ok=True)
-            arrays: dict[str, Any] = dict(run.series)
-            np.savez_compressed(folder / run.name / "series.npz", **arrays)
-    except OSError as error:
-        raise ConfigError("out", str(folder), f"a folder that can be written ({error.strerror or error})") from error
+    for case, loop, run in zip(cases, loops, runs, strict=False):
+        save_result(recording_of(case, loop, run), folder / run.name)
+    # pictures of earlier runs go with them
+    write_run(folder, {})
+    add_file(folder, "filters.json", write_json("filters", [run.summary for run in runs]))
 
 
 def report_scene(scene: Corridor, robot: RobotDescription) -> "CorridorScene":
@@ -127,5 +141,6 @@ def _report(
     with console.status("rendering and writing the report"):
         shown = report_scene(scene, robot)
         frames = corridor_frames(shown, robot, runs)
-        path = write_corridor_report(folder / "report.html", shown, robot, runs, frames, note=problem or "")
-    console.print(f"report:  {path}")
+        write = partial(write_corridor_report, scene=shown, robot=robot, runs=runs, frames=frames, note=problem or "")
+        add_file(folder, "report.html", write)
+    console.print(f"report:  {folder / 'report.html'}")

@@ -8,9 +8,9 @@ from experiments.cli.console import results_folder
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
 from experiments.running.pool import Row, RunTask, in_parallel
+from experiments.running.run import prepare
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions
-from experiments.scenarios.registry import experiment_of
 from experiments.studies.locomotion_tables import StudyTable, chosen_tables
 from experiments.studies.study_options import SECTIONS, LocomotionTableOptions
 from robots.checks import require_between, require_one_of
@@ -64,7 +64,7 @@ def _check_runs(tables: Sequence[StudyTable]) -> None:
     for table in tables:
         for task in table.tasks:
             if isinstance(task, RunTask):
-                experiment_of(task.options).check(task.options)
+                prepare(task.options)
 
 
 def _print_table(table: StudyTable, rows: Sequence[Row], console: Console) -> None:

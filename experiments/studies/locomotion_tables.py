@@ -7,16 +7,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from experiments.metrics.metric import Figure, column
+from experiments.metrics.metric import Metric, column
 from experiments.running.pool import Row, RunTask, Task
-from experiments.scenarios.options import (
-    FilterOptions,
-    LateralStepsOptions,
-    PlantOptions,
-    RunOptions,
-    TaichiOptions,
-    WalkOptions,
-)
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
 from experiments.studies.pushes import PUSH_COLUMNS, push_tasks
 from experiments.studies.random_walks import RANDOM_WALK_COLUMNS, falls, random_walk_tasks
 from experiments.studies.speed import SPEED_COLUMNS, WALK_TIME, fastest_walk
@@ -36,37 +33,37 @@ GAITS: dict[str, dict[str, Any]] = {
 }
 """Walks by name: options that differ from those of a walk."""
 
-ROBOT, MASS, FELL = Figure("robot", "robot"), Figure("mass_scale", "mass"), Figure("ended", "fell")
-FILTER, FAILURES = Figure("filter", "filter"), column("qp_failures", "QP failures")
-ON_ONE = Figure("zmp_inside_single_fraction", "ZMP inside, on one foot", "%", 1e2)
-SLIDE = Figure("foot_slide_max_m", "stance foot slides, max", "mm", 1e3)
+ROBOT, MASS, FELL = Metric("robot", "robot"), Metric("mass_scale", "mass"), Metric("ended", "fell")
+FILTER, FAILURES = Metric("filter", "filter"), column("qp_failures", "QP failures")
+ON_ONE = Metric("zmp_inside_single_fraction", "ZMP inside, on one foot", "%", 1e2)
+SLIDE = Metric("foot_slide_max_m", "stance foot slides, max", "mm", 1e3)
 TAICHI_COLUMNS = (
-    *(ROBOT, FILTER, Figure("torque", "torque"), MASS, Figure("friction", "friction"), FELL),
-    Figure("foot_up_s", "foot up", "s"),
+    *(ROBOT, FILTER, Metric("torque", "torque"), MASS, Metric("friction", "friction"), FELL),
+    Metric("foot_up_s", "foot up", "s"),
     ON_ONE,
     column("min_h_workspace_m", "min h workspace"),
     column("com_error_settled_max_m", "CoM error, max"),
-    Figure("torque_step_max", "torque step / limit, max", "%", 1e2),
-    Figure("tick_double_ms", "tick on two feet", "ms"),
-    Figure("tick_single_ms", "on one", "ms"),
+    Metric("torque_step_max", "torque step / limit, max", "%", 1e2),
+    Metric("tick_double_ms", "tick on two feet", "ms"),
+    Metric("tick_single_ms", "on one", "ms"),
     FAILURES,
 )
 LATERAL_COLUMNS = (
     *(ROBOT, FILTER, MASS, FELL),
-    Figure("steps", "steps"),
-    Figure("min_h_feet_m", "min h feet", "mm", 1e3),
-    Figure("feet_penetrate_fraction", "feet in each other", "%", 1e2),
-    Figure("min_h_legs_m", "min h legs", "mm", 1e3),
+    Metric("steps", "steps"),
+    Metric("min_h_feet_m", "min h feet", "mm", 1e3),
+    Metric("feet_penetrate_fraction", "feet in each other", "%", 1e2),
+    Metric("min_h_legs_m", "min h legs", "mm", 1e3),
     ON_ONE,
     FAILURES,
 )
 WALK_COLUMNS = (
-    *(ROBOT, Figure("gait", "walk"), MASS, FELL),
-    Figure("steps", "steps"),
-    Figure("distance_m", "way", "m"),
-    Figure("velocity_error_x_mps", "v error forward", "m/s"),
-    Figure("velocity_error_y_mps", "left", "m/s"),
-    Figure("velocity_error_wz_radps", "turning", "rad/s"),
+    *(ROBOT, Metric("gait", "walk"), MASS, FELL),
+    Metric("steps", "steps"),
+    Metric("distance_m", "way", "m"),
+    Metric("velocity_error_x_mps", "v error forward", "m/s"),
+    Metric("velocity_error_y_mps", "left", "m/s"),
+    Metric("velocity_error_wz_radps", "turning", "rad/s"),
     SLIDE,
     ON_ONE,
     column("min_h_self_collision_m", "min h self-collision"),
@@ -74,19 +71,19 @@ WALK_COLUMNS = (
     FAILURES,
 )
 OBSTACLE_COLUMNS = (
-    *(ROBOT, Figure("obstacle", "sphere"), FILTER, MASS, FELL),
+    *(ROBOT, Metric("obstacle", "sphere"), FILTER, MASS, FELL),
     column("min_h_obstacle_m", "min h obstacle"),
     column("min_h_self_collision_m", "min h self-collision"),
-    Figure("velocity_error_x_mps", "v error forward", "m/s"),
-    Figure("steps", "steps"),
+    Metric("velocity_error_x_mps", "v error forward", "m/s"),
+    Metric("steps", "steps"),
     FAILURES,
 )
 TICK_COLUMNS = (
-    *(ROBOT, Figure("run", "run")),
-    Figure("tick_double_ms", "on two feet, median", "ms"),
-    Figure("tick_double_p99_ms", "99 %", "ms"),
-    Figure("tick_single_ms", "on one foot, median", "ms"),
-    Figure("tick_single_p99_ms", "99 %", "ms"),
+    *(ROBOT, Metric("run", "run")),
+    Metric("tick_double_ms", "on two feet, median", "ms"),
+    Metric("tick_double_p99_ms", "99 %", "ms"),
+    Metric("tick_single_ms", "on one foot, median", "ms"),
+    Metric("tick_single_p99_ms", "99 %", "ms"),
     FAILURES,
 )
 
@@ -105,7 +102,7 @@ class StudyTable:
 
     title: str
     tasks: Sequence[Task]
-    columns: tuple[Figure, ...]
+    columns: tuple[Metric, ...]
     note: Callable[[Sequence[Row]], str] | None = None
     alone: bool = False
 
@@ -145,7 +142,7 @@ def taichi_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
     tasks = []
     for robot, (name, torque, mass, mu) in itertools.product(robots(options), variants):
         plant, safety = PlantOptions(mass_scale=mass, friction=mu), FilterOptions(filter=name)
-        run = TaichiOptions(robot=robot, torque=torque, plant=plant, safety=safety)
+        run = Taichi(robot=robot, torque=torque, plant=plant, safety=safety)
         place = folder / f"{robot}-{name}-{torque}-mass-{mass:g}-friction-{mu:g}"
         tasks.append(RunTask(run, place, {"torque": torque, "friction": mu}, options.series))
     return StudyTable("Standing on one leg, hands to far targets (TAICHI), 30 s", tasks, TAICHI_COLUMNS)
@@ -158,7 +155,7 @@ def lateral_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
     )
     tasks = [
         RunTask(
-            LateralStepsOptions(robot=robot, plant=PlantOptions(mass_scale=mass), safety=FilterOptions(filter=name)),
+            LateralSteps(robot=robot, plant=PlantOptions(mass_scale=mass), safety=FilterOptions(filter=name)),
             folder / f"{robot}-{name}-mass-{mass:g}",
             {},
             options.series,
@@ -174,7 +171,7 @@ def walk_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
     duration = 10.0 if options.quick else 60.0
     tasks = []
     for robot, (gait, how), mass in itertools.product(robots(options), gaits.items(), MASS_SCALES):
-        run = WalkOptions(robot=robot, duration=duration, plant=PlantOptions(mass_scale=mass), **how)
+        run = Walk(robot=robot, duration=duration, plant=PlantOptions(mass_scale=mass), **how)
         place = folder / f"{robot}-{gait}-mass-{mass:g}".replace(" ", "-")
         tasks.append(RunTask(run, place, {"gait": gait}, options.series))
     return StudyTable(f"Walks of {duration:g} s", tasks, WALK_COLUMNS)
@@ -202,7 +199,7 @@ def obstacle_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
     tasks = []
     for robot, kind, (name, mass) in itertools.product(robots(options), ("static", "moving"), variants):
         plant, safety = PlantOptions(mass_scale=mass), FilterOptions(filter=name)
-        run = WalkOptions(robot=robot, duration=14.0, obstacle=kind, plant=plant, safety=safety)
+        run = Walk(robot=robot, duration=14.0, obstacle=kind, plant=plant, safety=safety)
         place = folder / f"{robot}-{kind}-{name}-mass-{mass:g}"
         tasks.append(RunTask(run, place, {"obstacle": kind}, options.series))
     return StudyTable("Walking past a sphere, 0.2 m/s", tasks, OBSTACLE_COLUMNS)
@@ -219,9 +216,9 @@ def tick_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
     """Times of a tick; in TAICHI up to four seconds on one leg."""
     tasks: list[Task] = []
     for robot in robots(options):
-        runs: dict[str, RunOptions] = {"walking": WalkOptions(robot=robot, duration=10.0)}
+        runs: dict[str, Scenario] = {"walking": Walk(robot=robot, duration=10.0)}
         if not options.quick:
-            runs["one leg"] = TaichiOptions(robot=robot, duration=16.0)
+            runs["one leg"] = Taichi(robot=robot, duration=16.0)
         tasks += [
             RunTask(run, folder / f"{robot}-{name}".replace(" ", "-"), {"run": name}, options.series)
             for name, run in runs.items()

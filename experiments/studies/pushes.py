@@ -1,6 +1,5 @@
 """The strongest push of 0.1 s at the torso that a robot survives: standing, on one leg, walking."""
 
-import dataclasses
 import itertools
 import time
 from collections.abc import Callable, Sequence
@@ -10,23 +9,23 @@ from pathlib import Path
 
 from rich.console import Console
 
-from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.walking import walk_tuning
 from experiments.cli.console import results_folder
-from experiments.metrics.metric import Figure
-from experiments.recording.recording import RunResult
+from experiments.metrics.metric import Metric
+from experiments.recording.recording import RunResult, save_result
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
-from experiments.running.pool import Row, in_parallel, save
-from experiments.running.run import check_options, run
+from experiments.running.pool import Row, in_parallel
+from experiments.running.run import prepare, run
 from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions, PlantOptions, RunOptions, TaichiOptions
-from experiments.scenarios.registry import experiment_of
-from experiments.scenarios.scenario import DIRECTIONS, PUSH_TIME, Push
-from experiments.scenarios.walk import walk_scenario
+from experiments.scenarios.options import OutputOptions, PlantOptions
+from experiments.scenarios.pushed import SPEED, Pushed
+from experiments.scenarios.pushes import DIRECTIONS, PUSH_TIME, Push
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
 from experiments.studies.study_options import STANCES, PushSearchOptions
 from robots.checks import require_between, require_one_of
-from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 
@@ -36,8 +35,8 @@ AFTER = 4.0
 STANDING_AT, ONE_LEG_AT, WALKING_AT = 2.0, 17.0, 4.0
 """When the robot is pushed [s]; walking begins at one second and has found its rhythm by then."""
 
-START, SPEED, PHASES = 1.0, 0.2, 4
-"""Walking: when the command begins [s], its velocity forward [m/s], and at how many instants of a step it is pushed."""
+PHASES = 4
+"""Walking: at how many instants of a step it is pushed."""
 
 STRIDE = 5
 """Steps of the impulse by which the search of the first case goes up until the robot falls."""
@@ -46,15 +45,15 @@ SIDES = {"forward": ("forward",), "sideways": ("left", "right")}
 """Pushes of which the worst counts."""
 
 PUSH_COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("stance", "stance"),
-    Figure("direction", "pushed"),
-    Figure("mass_scale", "mass"),
-    Figure("survived", "survived", "N s/kg"),
-    Figure("survived_force", "that is", "N"),
-    Figure("first_fall", "falls at", "N s/kg"),
-    Figure("weakest", "weakest"),
-    Figure("runs", "runs"),
+    Metric("robot", "robot"),
+    Metric("stance", "stance"),
+    Metric("direction", "pushed"),
+    Metric("mass_scale", "mass"),
+    Metric("survived", "survived", "N s/kg"),
+    Metric("survived_force", "that is", "N"),
+    Metric("first_fall", "falls at", "N s/kg"),
+    Metric("weakest", "weakest"),
+    Metric("runs", "runs"),
 )
 
 
@@ -118,7 +117,7 @@ def check_pushes(options: PushSearchOptions) -> None:
     require_between("largest", options.largest, options.resolution, 5.0)
     require_between("jobs", options.jobs, 1, 64)
     for robot in options.robots:
-        check_options(RunOptions(robot=robot, plant=PlantOptions(mass_scale=options.mass_scale)))
+        prepare(Stand(robot=robot, plant=PlantOptions(mass_scale=options.mass_scale)))
 
 
 def push_tasks(options: PushSearchOptions, folder: Path) -> list[Callable[[], Row]]:
@@ -151,7 +150,7 @@ def search(given: Sequence[PushCase], direction: str, options: PushSearchOptions
         count += 1
         result = run_case(case, level * options.resolution * mass / PUSH_TIME)
         name = f"{case.stance}-{case.direction}-{case.time:g}-{level * options.resolution:.3f}"
-        save(result, folder / f"{load_robot(case.robot).name}-mass-{case.mass_scale:g}-{name}", series=False)
+        save_result(result, folder / f"{load_robot(case.robot).name}-mass-{case.mass_scale:g}-{name}", series=False)
         return not result.summary["fell"] and result.summary["stop_cause"] is None
 
     top = int(options.largest / options.resolution + 1e-9)
@@ -227,22 +226,9 @@ def true_mass(case: PushCase) -> float:
 def run_case(case: PushCase, force: float) -> RunResult:
     """One run with a push of ``force`` [N], which ends ``AFTER`` seconds after it."""
     plant, end = PlantOptions(mass_scale=case.mass_scale), case.time + PUSH_TIME + AFTER
+    pushes = (Push(force, DIRECTIONS[case.direction], case.time),)
     if case.stance == "one-leg":
-        text = f"{force!r},{case.direction},{case.time!r}"
-        taichi = TaichiOptions(robot=case.robot, duration=end, plant=plant, push=(text,))
-        return experiment_of(taichi).run(taichi)
-    options = RunOptions(robot=case.robot, duration=end, plant=plant)
-    robot: RobotDescription = check_options(options)
-    push = Push(force, DIRECTIONS[case.direction], case.time)
-    command = _stand if case.stance == "standing" else _walk
-    scenario = dataclasses.replace(walk_scenario(robot, command), experiment="pushed", pushes=(push,))
-    result = run(scenario, options)
-    return dataclasses.replace(result, config={**result.config, "push": dataclasses.asdict(push)})
-
-
-def _stand(t: float) -> VelocityCommand:
-    return VelocityCommand()
-
-
-def _walk(t: float) -> VelocityCommand:
-    return VelocityCommand(vx=SPEED) if t >= START - 1e-9 else VelocityCommand()
+        scenario: Scenario = Taichi(robot=case.robot, duration=end, plant=plant, pushes=pushes)
+    else:
+        scenario = Pushed(robot=case.robot, duration=end, plant=plant, pushes=pushes, activity=case.stance)
+    return run(scenario)

@@ -8,21 +8,17 @@ from multiprocessing import get_context
 from rich.console import Console
 from rich.progress import Progress
 
-from experiments.cli.console import results_folder, run_one
-from experiments.metrics.metric import Figure, column
+from experiments.cli.console import results_folder
+from experiments.metrics.metric import Metric, column
 from experiments.recording.recording import RunResult, save_result
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
+from experiments.running.run import run
 from experiments.running.warmup import warm_up
-from experiments.scenarios.options import (
-    FilterOptions,
-    HandTrackingOptions,
-    OutputOptions,
-    PlantOptions,
-    RunOptions,
-    StandOptions,
-    TableOptions,
-)
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, OutputOptions, PlantOptions, TableOptions
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.stand import Stand
 from experiments.studies.safety_tables import friction_runs, safety_runs
 from experiments.studies.tuning_scenarios import payload
 from robots.checks import require_between
@@ -68,31 +64,31 @@ def table(options: TableOptions) -> int:
     require_between("jobs", options.jobs, 1, 64)
     console = Console(stderr=True, markup=False, soft_wrap=True)
     groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[options.what]()
-    with results_folder(OutputOptions(out=options.out), "table") as folder:
+    with results_folder(OutputOptions(out=options.out, overwrite=options.overwrite), "table") as folder:
         # once, here: otherwise every process would compile the same kernels
         warm_up(console, load_robot("g1"))
-        done = _run_all([run for group, _ in groups.values() for run in group], options.jobs, console)
+        done = _run_all([scenario for group, _ in groups.values() for scenario in group], options.jobs, console)
         for title, (group, columns) in groups.items():
             results = [next(done) for _ in group]
-            for run, result in zip(group, results, strict=True):
-                save_result(result, folder / run_folder(run))
-            rows = [{**r.summary, **_words(run)} for run, r in zip(group, results, strict=True)]
+            for scenario, result in zip(group, results, strict=True):
+                save_result(result, folder / run_folder(scenario))
+            rows = [{**r.summary, **_words(scenario)} for scenario, r in zip(group, results, strict=True)]
             show(rows_table(rows, columns, title))
     console.print(f"runs: {folder}")
     return 0
 
 
-def _words(run: RunOptions) -> dict[str, str]:
+def _words(scenario: Scenario) -> dict[str, str]:
     """What a table may show of a run that is no figure of its summary."""
-    velocity = run.obstacle_velocity if isinstance(run, HandTrackingOptions) else ""
-    words = {"case": describe_case(run), "velocity": velocity}
+    velocity = scenario.obstacle_velocity if isinstance(scenario, HandTracking) else ""
+    words = {"case": describe_case(scenario), "velocity": velocity}
     return words | {
-        "friction": f"x{run.plant.joint_friction_scale:g}",
-        "adaptive": "yes" if run.safety.adaptive else "no",
+        "friction": f"x{scenario.plant.joint_friction_scale:g}",
+        "adaptive": "yes" if scenario.safety.adaptive else "no",
     }
 
 
-def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterator[RunResult]:
+def _run_all(tasks: Sequence[Scenario], jobs: int, console: Console) -> Iterator[RunResult]:
     """Results in the order of the tasks, some at a time."""
     # spawned, not forked: numba and MuJoCo do not survive a fork of a process that has used them
     with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, Progress(console=console) as bar:
@@ -102,14 +98,14 @@ def _run_all(tasks: Sequence[RunOptions], jobs: int, console: Console) -> Iterat
             yield result
 
 
-def _one(options: RunOptions) -> RunResult:
-    return run_one(options, None)
+def _one(options: Scenario) -> RunResult:
+    return run(options)
 
 
-def run_folder(options: RunOptions) -> str:
+def run_folder(options: Scenario) -> str:
     """Name of the folder of one run: robot, filter, motion of the hands or ``stand``, and what else sets it apart."""
     motion = f"stand-{options.plant.mass_scale:g}"
-    if isinstance(options, HandTrackingOptions):
+    if isinstance(options, HandTracking):
         motion = options.motion if options.obstacle_velocity == "estimated" else f"hold-{options.obstacle_velocity}"
         motion += "" if options.plant.mass_scale == USUAL_MASS_SCALE else f"-mass-{options.plant.mass_scale:g}"
     case = f"-{describe_case(options)}" if options.plant.link_mass or options.plant.noise_scale else ""
@@ -120,7 +116,7 @@ def run_folder(options: RunOptions) -> str:
     return f"{options.robot}-{options.safety.filter}-{motion}{case}".replace(" ", "-").replace(",", "")
 
 
-def describe_case(options: RunOptions) -> str:
+def describe_case(options: Scenario) -> str:
     """What differs between the plant and the model, in words."""
     plant = options.plant
     words = [f"noise x{plant.noise_scale:g}"] if plant.noise_scale else []
@@ -130,38 +126,38 @@ def describe_case(options: RunOptions) -> str:
     return ", ".join(words)
 
 
-def other_differences() -> list[RunOptions]:
+def other_differences() -> list[Scenario]:
     """Noise and delay; a payload in each hand, with the robot's own parameters and with a larger epsilon."""
-    out: list[RunOptions] = []
+    out: list[Scenario] = []
     for name in ROBOTS:
         noisy = PlantOptions(mass_scale=1.2, noise_scale=1.0, actuator_delay=0.004)
-        out.append(HandTrackingOptions(robot=name, plant=noisy))
+        out.append(HandTracking(robot=name, plant=noisy))
         loaded = PlantOptions(link_mass=payload(load_robot(name), PAYLOAD))
         for safety in (FilterOptions(), FilterOptions(alpha=5.0, epsilon=2.0)):
-            out.append(HandTrackingOptions(robot=name, plant=loaded, safety=safety))
+            out.append(HandTracking(robot=name, plant=loaded, safety=safety))
     return out
 
 
-def runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
+def runs() -> dict[str, tuple[list[Scenario], tuple[Metric, ...]]]:
     """All runs by title, with the columns to show."""
-    stand: list[RunOptions] = [
-        StandOptions(robot=robot, plant=PlantOptions(mass_scale=m)) for robot in ROBOTS for m in MASS_SCALES
+    stand: list[Scenario] = [
+        Stand(robot=robot, plant=PlantOptions(mass_scale=m)) for robot in ROBOTS for m in MASS_SCALES
     ]
-    circles = HandTrackingOptions(plant=PlantOptions(mass_scale=1.2))
-    hands: list[RunOptions] = [
+    circles = HandTracking(plant=PlantOptions(mass_scale=1.2))
+    hands: list[Scenario] = [
         dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name))
         for robot in ROBOTS
         for name in ("none", "cbf", "issf")
     ]
-    reach: list[RunOptions] = [
+    reach: list[Scenario] = [
         dataclasses.replace(circles, robot=robot, motion="beyond-reach", safety=FilterOptions(filter=name))
         for robot in ROBOTS
         for name in ("none", "issf")
     ]
-    sphere: list[RunOptions] = [
-        dataclasses.replace(run, motion="hold", obstacle=True, duration=7.0)
-        for run in hands
-        if isinstance(run, HandTrackingOptions)
+    sphere: list[Scenario] = [
+        dataclasses.replace(hand, motion="hold", obstacle=True, duration=7.0)
+        for hand in hands
+        if isinstance(hand, HandTracking)
     ]
     case = (HAND_COLUMNS[0], column("case", "robot differs by"), column("epsilon", "epsilon"), *HAND_COLUMNS[2:])
     return {

@@ -2,45 +2,35 @@
 
 import dataclasses
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from controllers.motions.hands import HandCircles, HandsToTargets, Motion, circle_settings
-from controllers.reference import WholeBodyReference
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.cli.console import results_folder
-from experiments.metrics.metric import Figure
-from experiments.recording.recording import RunResult, plain
+from experiments.metrics.metric import Metric
+from experiments.recording.plain import plain
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
 from experiments.running.pool import Row, in_parallel
 from experiments.running.run import run
 from experiments.running.warmup import warm_up
-from experiments.scenarios.hand_tracking import check_hand_tracking, hand_scenario, obstacle_settings
-from experiments.scenarios.obstacles import Passage, passing_sphere
-from experiments.scenarios.options import (
-    FilterOptions,
-    HandTrackingOptions,
-    LateralStepsOptions,
-    OutputOptions,
-    PlantOptions,
-    RunOptions,
-    WalkOptions,
-)
-from experiments.scenarios.registry import experiment_of
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import FilterOptions, OutputOptions, PlantOptions
+from experiments.scenarios.passing_sphere import Passage
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.walk import Walk
+from experiments.studies.drawn_hands import DrawnHands
 from experiments.studies.study_options import RobustnessOptions
 from experiments.studies.tuning_scenarios import payload, torso_targets
 from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.messages import Array
 
 MASS, STEP_MASS, FRICTION, PAYLOAD, DELAY = (0.8, 1.3), (0.85, 1.25), (0.0, 2.0), (0.0, 1.0), (0, 4)
 """What is drawn: factor on all masses, the same of robots that walk, factor on the joints' friction, mass in each hand
@@ -75,30 +65,21 @@ BARRIERS = ("self_collision_m", "joint_limit_rad", "obstacle_m", "workspace_m")
 """Ends of the names of the smallest barriers in a summary."""
 
 ROBUSTNESS_COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("scenario", "scenario"),
-    Figure("parameters", "parameters"),
-    Figure("runs", "runs"),
-    Figure("below", "a barrier below zero", "%", 1e2),
-    Figure("least_m", "least h of collision, obstacle, workspace", "mm", 1e3),
-    Figure("least_rad", "of joint limits", "rad"),
-    Figure("ended", "fell or was stopped", "%", 1e2),
-    Figure("rmse", "hand RMSE, mean", "mm", 1e3),
-    Figure("rmse_outside", "outside the conflict, mean", "mm", 1e3),
+    Metric("robot", "robot"),
+    Metric("scenario", "scenario"),
+    Metric("parameters", "parameters"),
+    Metric("runs", "runs"),
+    Metric("below", "a barrier below zero", "%", 1e2),
+    Metric("least_m", "least h of collision, obstacle, workspace", "mm", 1e3),
+    Metric("least_rad", "of joint limits", "rad"),
+    Metric("ended", "fell or was stopped", "%", 1e2),
+    Metric("rmse", "hand RMSE, mean", "mm", 1e3),
+    Metric("rmse_outside", "outside the conflict, mean", "mm", 1e3),
 )
 
 
-@dataclass(frozen=True, slots=True)
-class Drawn:
-    """One draw: options of the run but for its filter; the hands' and the sphere's motion where no option gives it."""
-
-    options: RunOptions
-    hands: Callable[[RobotDescription, WholeBodyReference], Motion] | None = None
-    passage: Passage | None = None
-
-
-def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Drawn:
-    """Draw a run; the same robot, scenario and seed give the same one.
+def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Scenario:
+    """Draw a run, but for its filter; the same robot, scenario and seed give the same one.
 
     Args:
         robot: the description.
@@ -110,22 +91,23 @@ def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Drawn:
     rng = np.random.default_rng([seed, 4, SCENARIOS.index(scenario)])
     plant = _draw_plant(rng, robot, STEP_MASS if scenario == "steps" else MASS)
     if scenario == "steps":
-        return Drawn(_draw_steps(rng, name, plant, seed))
-    hands = HandTrackingOptions(robot=name, plant=plant, seed=seed)
+        return _draw_steps(rng, name, plant, seed)
+    hands = DrawnHands(robot=name, plant=plant, seed=seed)
     if scenario == "target":
         x, y, share = rng.uniform(-0.03, 0.06), rng.uniform(0.0, 0.08), rng.uniform()
         heights = [target[2] for target in torso_targets(robot)]
         z = min(heights) + share * (max(heights) - min(heights))
-        return Drawn(dataclasses.replace(hands, motion="target", target=(x, y, z), duration=5.0))
+        return dataclasses.replace(hands, motion="target", target=(x, y, z), duration=5.0)
     if scenario == "obstacle":
         radius, speed, height = (float(rng.uniform(*x)) for x in (RADIUS, SPEED, HEIGHT))
         passage = Passage(radius, speed, height, from_left=bool(rng.uniform() < 0.5))
-        return Drawn(dataclasses.replace(hands, motion="hold", obstacle=True, duration=5.0), passage=passage)
+        return dataclasses.replace(hands, motion="hold", obstacle=True, duration=5.0, sphere=passage)
     if scenario == "circles":
         size, period = rng.uniform(0.8, 1.2), rng.uniform(3.5, 7.0)
-        return Drawn(dataclasses.replace(hands, duration=8.0), partial(_circles, size, period))
-    offset, duration = rng.uniform(-0.06, 0.06, (2, 3)), rng.uniform(1.0, 3.0)
-    return Drawn(dataclasses.replace(hands, motion="cross", duration=5.0), partial(_cross, offset, duration))
+        return dataclasses.replace(hands, duration=8.0, circle_size=size, circle_period=period)
+    left, right = rng.uniform(-0.06, 0.06, (2, 3)).tolist()
+    offsets, duration = (tuple(left), tuple(right)), rng.uniform(1.0, 3.0)
+    return dataclasses.replace(hands, motion="cross", duration=5.0, cross_offsets=offsets, cross_time=duration)
 
 
 def _draw_plant(rng: np.random.Generator, robot: RobotDescription, masses: tuple[float, float]) -> PlantOptions:
@@ -138,24 +120,11 @@ def _draw_plant(rng: np.random.Generator, robot: RobotDescription, masses: tuple
     )
 
 
-def _draw_steps(rng: np.random.Generator, name: str, plant: PlantOptions, seed: int) -> RunOptions:
+def _draw_steps(rng: np.random.Generator, name: str, plant: PlantOptions, seed: int) -> Scenario:
     if rng.uniform() < 0.5:
-        return LateralStepsOptions(robot=name, plant=plant, seed=seed, duration=9.0)
+        return LateralSteps(robot=name, plant=plant, seed=seed, duration=9.0)
     vx, vy, wz = rng.uniform(0.0, 0.25), rng.uniform(-0.08, 0.08), rng.uniform(-0.2, 0.2)
-    return WalkOptions(robot=name, plant=plant, seed=seed, vx=vx, vy=vy, wz=wz, duration=9.0)
-
-
-def _circles(size: float, period: float, robot: RobotDescription, reference: WholeBodyReference) -> Motion:
-    assert reference.hands is not None
-    left, right = (hand.position.copy() for hand in reference.hands)
-    settings = circle_settings(robot)
-    return HandCircles(dataclasses.replace(settings, radius=size * settings.radius, period=period), (left, right))
-
-
-def _cross(offset: Array, duration: float, robot: RobotDescription, reference: WholeBodyReference) -> Motion:
-    assert reference.hands is not None
-    left, right = (hand.position.copy() for hand in reference.hands)
-    return HandsToTargets((left, right), (right + offset[0], left + offset[1]), duration)
+    return Walk(robot=name, plant=plant, seed=seed, vx=vx, vy=vy, wz=wz, duration=9.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -172,9 +141,9 @@ class RobustnessTask:
         """Run, and return the line."""
         robot = load_robot(self.robot)
         drawn = draw(robot, self.robot, self.scenario, self.seed)
-        summary = _result(robot, drawn, self.safety).summary
+        summary = run(dataclasses.replace(drawn, safety=self.safety)).summary
         least = {f"min_h_{key}": summary[f"min_h_{key}"] for key in BARRIERS}
-        plant = drawn.options.plant
+        plant = drawn.plant
         return {
             "robot": self.robot,
             "scenario": self.scenario,
@@ -187,21 +156,8 @@ class RobustnessTask:
             "hand_rmse_m": summary["hand_rmse_m"],
             "hand_rmse_outside_conflict_m": summary["hand_rmse_outside_conflict_m"],
             "drawn": dataclasses.asdict(plant),
-            "passage": None if drawn.passage is None else dataclasses.asdict(drawn.passage),
+            "passage": dataclasses.asdict(drawn.sphere) if isinstance(drawn, DrawnHands) and drawn.obstacle else None,
         }
-
-
-def _result(robot: RobotDescription, drawn: Drawn, safety: FilterOptions) -> RunResult:
-    options = dataclasses.replace(drawn.options, safety=safety)
-    if drawn.hands is None and drawn.passage is None:
-        return experiment_of(options).run(options)
-    assert isinstance(options, HandTrackingOptions)
-    scenario = hand_scenario(check_hand_tracking(options), options)
-    if drawn.hands is not None:
-        scenario = dataclasses.replace(scenario, hands=drawn.hands)
-    if drawn.passage is not None and (seen := obstacle_settings(options)) is not None:
-        scenario = dataclasses.replace(scenario, encounter=partial(passing_sphere, seen, passage=drawn.passage))
-    return run(scenario, options)
 
 
 def robustness(options: RobustnessOptions) -> int:

@@ -2,9 +2,11 @@
 
 import dataclasses
 
-from experiments.metrics.metric import Figure, column
-from experiments.running.run import LAYERED
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions
+from experiments.metrics.metric import Metric, column
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.resolve import LAYERED
+from experiments.scenarios.scenario import Scenario
 from safety.filters.safety_filter import FILTERS
 
 ROBOTS = ("g1", "tocabi")
@@ -13,7 +15,7 @@ VELOCITIES = ("zero", "estimated", "true")
 
 FILTER_COLUMNS = (
     column("filter", "filter"),
-    Figure("layer", "layer", "mm", 1e3),
+    Metric("layer", "layer", "mm", 1e3),
     column("fell", "fell"),
     column("min_h_self_collision_m", "min h self-collision"),
     column("collision_ratio", "collision ratio"),
@@ -73,28 +75,28 @@ FRICTION_FILTERS = (
 """On dry friction: the CBF, epsilon as it is in the paper and as the robot has it, each fixed and adapted."""
 
 
-def friction_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
+def friction_runs() -> dict[str, tuple[list[Scenario], tuple[Metric, ...]]]:
     """Hand circles of TOCABI, by how much friction its joints have, with the columns to show."""
-    runs: list[RunOptions] = [
-        HandTrackingOptions(robot="tocabi", plant=PlantOptions(joint_friction_scale=scale), safety=safety)
+    runs: list[Scenario] = [
+        HandTracking(robot="tocabi", plant=PlantOptions(joint_friction_scale=scale), safety=safety)
         for scale in FRICTION_SCALES
         for safety in FRICTION_FILTERS
     ]
     return {"Dry friction, TOCABI, hand circles, 12 s": (runs, FRICTION_COLUMNS)}
 
 
-def safety_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
+def safety_runs() -> dict[str, tuple[list[Scenario], tuple[Metric, ...]]]:
     """All runs by title, with the columns to show."""
-    circles = HandTrackingOptions(plant=PlantOptions(mass_scale=1.2))
-    groups: dict[str, tuple[list[RunOptions], tuple[Figure, ...]]] = {}
+    circles = HandTracking(plant=PlantOptions(mass_scale=1.2))
+    groups: dict[str, tuple[list[Scenario], tuple[Metric, ...]]] = {}
     for robot in ROBOTS:
-        runs: list[RunOptions] = [
+        runs: list[Scenario] = [
             dataclasses.replace(circles, robot=robot, safety=FilterOptions(filter=name, layer=layer))
             for name in FILTERS
             for layer in ((0.0, None) if name in LAYERED else (None,))
         ]
         groups[f"Every filter, {robot}, hand circles through the torso, +20 % mass, 12 s"] = (runs, FILTER_COLUMNS)
-    heavier: list[RunOptions] = [
+    heavier: list[Scenario] = [
         dataclasses.replace(
             circles, robot=robot, plant=PlantOptions(mass_scale=mass), safety=FilterOptions(filter=name)
         )
@@ -103,7 +105,7 @@ def safety_runs() -> dict[str, tuple[list[RunOptions], tuple[Figure, ...]]]:
         for mass in MASS_SCALES
     ]
     groups["The guarantee, hand circles, 12 s"] = (heavier, GUARANTEE_COLUMNS)
-    passing: list[RunOptions] = [
+    passing: list[Scenario] = [
         dataclasses.replace(
             circles,
             robot=robot,

@@ -9,23 +9,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from controllers.gaits.walking import walk_tuning
-from experiments.metrics.metric import Figure
-from experiments.running.pool import Row, row, save
-from experiments.scenarios.options import PlantOptions, WalkOptions
-from experiments.scenarios.walk import run_walk
+from experiments.metrics.metric import Metric
+from experiments.recording.recording import save_result
+from experiments.running.pool import Row, row
+from experiments.running.run import run
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.walk import Walk
 from robots.loader import load_robot
 
 SLOWEST, STEP, WALK_TIME = 0.3, 0.05, 20.0
 """Where the search begins, its steps [m/s], and the time of each walk [s]."""
 
 SPEED_COLUMNS = (
-    Figure("robot", "robot"),
-    Figure("mass_scale", "mass"),
-    Figure("fastest", "fastest that does not fall", "m/s"),
-    Figure("achieved", "achieved", "m/s"),
-    Figure("falls_at", "falls at", "m/s"),
-    Figure("reach", "longest steps allow", "m/s"),
-    Figure("runs", "runs"),
+    Metric("robot", "robot"),
+    Metric("mass_scale", "mass"),
+    Metric("fastest", "fastest that does not fall", "m/s"),
+    Metric("achieved", "achieved", "m/s"),
+    Metric("falls_at", "falls at", "m/s"),
+    Metric("reach", "longest steps allow", "m/s"),
+    Metric("runs", "runs"),
 )
 
 
@@ -44,9 +46,9 @@ def fastest_walk(robot: str, mass_scale: float, duration: float, folder: Path) -
     def walk(speed: float) -> Row:
         nonlocal runs
         runs += 1
-        run = WalkOptions(robot=robot, vx=speed, duration=duration, plant=PlantOptions(mass_scale=mass_scale))
-        result = run_walk(run)
-        save(result, folder / f"{robot}-mass-{mass_scale:g}-{speed:.2f}", series=False)
+        scenario = Walk(robot=robot, vx=speed, duration=duration, plant=PlantOptions(mass_scale=mass_scale))
+        result = run(scenario)
+        save_result(result, folder / f"{robot}-mass-{mass_scale:g}-{speed:.2f}", series=False)
         return row(result) | {"achieved": achieved_speed(result.series)}
 
     fastest, achieved, falls_at = climb(walk, reach)

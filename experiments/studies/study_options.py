@@ -1,28 +1,13 @@
 """Options of the studies, which are made of many runs; nothing heavy is imported here."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
-
-import tyro
-
-from experiments.scenarios.options import PlantOptions, RunOptions
 
 SECTIONS = ("taichi", "lateral-steps", "walks", "speed", "pushes", "obstacle", "random-walks", "ticks")
 """Sections of the locomotion table, in the order in which they are made."""
 
 STANCES = ("standing", "one-leg", "walking")
 """What a robot does when it is pushed."""
-
-
-@dataclass(frozen=True)
-class RandomWalkOptions(RunOptions):
-    """Walk with everything drawn from --seed: masses, friction, sensor noise, delay, commands, pushes."""
-
-    duration: float = 20.0
-    """Simulated time [s]."""
-    plant: Annotated[PlantOptions, tyro.conf.Suppress] = field(default_factory=PlantOptions)
-    """Drawn from the seed: not an option."""
 
 
 @dataclass(frozen=True)

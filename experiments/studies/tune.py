@@ -9,9 +9,9 @@ from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.cli.console import make_console, results_folder
 from experiments.recording.recording import GUARANTEED
 from experiments.reports.table import Column, Row, Table, show
+from experiments.running.run import prepare
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions
-from experiments.scenarios.registry import experiment_of
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tuner import Choice, Tuner
 from experiments.studies.tuning_scenarios import TuningRun, posture_ratios, tuning_runs
@@ -108,7 +108,7 @@ def possible_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningR
     possible, refusal = [], None
     for run in tuning_runs(robot, options):
         try:
-            experiment_of(run.options).check(run.options)
+            prepare(run.options)
         except DescriptionError as error:
             refusal = error
         else:

@@ -11,7 +11,7 @@ from rich.console import Console
 from controllers.whole_body.tuning_file import Tuning, write_tuning
 from experiments.recording.recording import GUARANTEED
 from experiments.running.pool import in_parallel
-from experiments.scenarios.registry import experiment_of
+from experiments.running.run import run
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tuning_measure import Measured, measure
 from experiments.studies.tuning_scenarios import TuningRun
@@ -88,7 +88,7 @@ class TuningTask:
     def __call__(self) -> Seen:
         """Run and measure."""
         options = self.run.with_parameters(self.file)
-        result = experiment_of(options).run(options)
+        result = run(options)
         summary = result.summary
         ended = "fell" if summary["fell"] else ("was stopped" if summary["stop_cause"] else "")
         return Seen(self.run, ended, tuple(measure(result, self.run.families, self.margins)))

@@ -6,15 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from experiments.scenarios.options import (
-    FilterOptions,
-    HandTrackingOptions,
-    LateralStepsOptions,
-    PlantOptions,
-    RunOptions,
-    TaichiOptions,
-    WalkOptions,
-)
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
 from experiments.studies.study_options import TuneOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
@@ -41,9 +38,9 @@ class TuningRun:
 
     name: str
     families: tuple[str, ...]
-    options: RunOptions
+    options: Scenario
 
-    def with_parameters(self, file: Path) -> RunOptions:
+    def with_parameters(self, file: Path) -> Scenario:
         """The run with the parameters of a file."""
         return dataclasses.replace(self.options, safety=FilterOptions(tuning=file))
 
@@ -115,7 +112,7 @@ def tuning_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningRun
     """All runs of a round; also those that the robot's description lacks something for."""
     runs = []
     for name, plant in corner_plants(robot, options).items():
-        hands = HandTrackingOptions(robot=options.robot, plant=plant)
+        hands = HandTracking(robot=options.robot, plant=plant)
         for motion, duration in (("circles", 5.5), ("cross", 4.0)):
             run = dataclasses.replace(hands, motion=motion, duration=duration)
             runs.append(TuningRun(f"{motion}, {name}", ARMS, run))
@@ -134,10 +131,10 @@ def _leg_runs(options: TuneOptions) -> list[TuningRun]:
     runs = []
     for mass in LEG_MASSES:
         plant = PlantOptions(mass_scale=mass, actuator_delay=min(LEG_DELAY, options.delay))
-        steps = LateralStepsOptions(robot=options.robot, plant=plant, duration=9.0)
+        steps = LateralSteps(robot=options.robot, plant=plant, duration=9.0)
         runs.append(TuningRun(f"side steps, mass x{mass:g}", legs, steps))
-        walk = WalkOptions(robot=options.robot, plant=plant, vx=0.3, wz=0.1, duration=8.0)
+        walk = Walk(robot=options.robot, plant=plant, vx=0.3, wz=0.1, duration=8.0)
         runs.append(TuningRun(f"walk, mass x{mass:g}", legs, walk))
     heavy = PlantOptions(mass_scale=LEG_MASSES[1])
-    taichi = TaichiOptions(robot=options.robot, plant=heavy, duration=18.0)
+    taichi = Taichi(robot=options.robot, plant=heavy, duration=18.0)
     return [*runs, TuningRun("one leg, heavy", ("joint_limit",), taichi)]

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from experiments.recording.recording import FILTER_STATUSES, RunResult
-from experiments.scenarios.hand_tracking import run_hand_tracking
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from safety.filters.conditions import SET_MARGINS
 from safety.filters.safety_filter import FILTERS
 
@@ -24,8 +25,8 @@ KEEPING = ("cbf", "issf", "ecbf", "ssa", "rssa", "pssa", "sss", "pfm", "sma")
 def into_the_torso(
     name: str, mass_scale: float = 1.2, layer: float | None = None, alpha: float | None = None
 ) -> RunResult:
-    return run_hand_tracking(
-        HandTrackingOptions(
+    return run(
+        HandTracking(
             duration=CONFLICT,
             plant=PlantOptions(mass_scale=mass_scale),
             safety=FilterOptions(filter=name, layer=layer, alpha=alpha),

@@ -7,8 +7,10 @@ import pytest
 
 from controllers.whole_body.robot_config import controller_config
 from experiments.recording.recording import RunResult
-from experiments.scenarios.hand_tracking import arm_length, run_hand_tracking
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from experiments.running.run import run
+from experiments.scenarios.hand_motions import arm_length
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.pinocchio_model import standing_configuration
@@ -22,9 +24,7 @@ WITHOUT_FILTER = {"g1": -0.03, "tocabi": -0.05}
 def circles(robot: str, name: str) -> RunResult:
     """One full turn with a filter; without one, until the hands are past the deepest point."""
     duration = 4.0 if name == "none" else 5.5
-    return run_hand_tracking(
-        HandTrackingOptions(robot=robot, duration=duration, plant=HEAVY, safety=FilterOptions(filter=name))
-    )
+    return run(HandTracking(robot=robot, duration=duration, plant=HEAVY, safety=FilterOptions(filter=name)))
 
 
 def test_without_a_filter_the_hands_enter_the_torso(robot_name: str) -> None:
@@ -88,7 +88,7 @@ def test_the_reference_motion_is_the_same_whatever_the_filter(robot_name: str) -
 
 
 def test_targets_out_of_reach_leave_the_robot_upright(robot_name: str) -> None:
-    result = run_hand_tracking(HandTrackingOptions(robot=robot_name, duration=4.5, motion="beyond-reach", plant=HEAVY))
+    result = run(HandTracking(robot=robot_name, duration=4.5, motion="beyond-reach", plant=HEAVY))
     summary, series = result.summary, result.series
     assert not summary["fell"]
     assert summary["stop_cause"] is None
@@ -121,7 +121,7 @@ def test_the_arm_is_never_longer_than_its_bound(robot_name: str) -> None:
 
 
 def test_a_bad_measurement_stops_hand_tracking_too() -> None:
-    result = run_hand_tracking(HandTrackingOptions(duration=1.0, nan_at=0.2))
+    result = run(HandTracking(duration=1.0, nan_at=0.2))
     assert result.summary["stop_cause"] == "measured position of left_hip_pitch_joint is nan"
     assert result.summary["duration_s"] == pytest.approx(0.7, abs=0.0021)
     assert len(result.series["h_self_reference"]) == len(result.series["step_time"])

@@ -6,15 +6,11 @@ import numpy as np
 import pytest
 
 from controllers.gaits.lateral_steps import lateral_step_tuning
+from experiments.metrics.feet import feet_column, feet_metrics, steps_taken
 from experiments.recording.recording import RunResult
-from experiments.scenarios.lateral_steps import (
-    check_lateral_steps,
-    feet_column,
-    feet_figures,
-    run_lateral_steps,
-    steps_taken,
-)
-from experiments.scenarios.options import FilterOptions, LateralStepsOptions, PlantOptions
+from experiments.running.run import prepare, run
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -29,8 +25,8 @@ PENETRATION = {"g1": 0.02, "tocabi": 0.03}
 
 @functools.cache
 def side_steps(robot: str, filter_name: str) -> RunResult:
-    return run_lateral_steps(
-        LateralStepsOptions(
+    return run(
+        LateralSteps(
             robot=robot,
             duration=DURATION,
             plant=PlantOptions(mass_scale=1.2),
@@ -107,7 +103,7 @@ def test_the_figures_are_what_they_are_called() -> None:
     assert set(robot.self_collision_pairs[feet]) == {"left_foot", "right_foot"}
     pairs[1, feet], pairs[2, feet - 1], pairs[3, 0] = -0.2, -0.3, -0.9
     contact: Array = np.array([[1, 1], [0, 1], [1, 1], [1, 0], [1, 0], [1, 1.0]])
-    figures = feet_figures(robot, {"h_self_collision": pairs, "in_contact": contact})
+    figures = feet_metrics(robot, {"h_self_collision": pairs, "in_contact": contact})
     assert figures == {
         "min_h_feet_m": -0.2,
         "min_h_legs_m": -0.3,
@@ -120,6 +116,6 @@ def test_the_figures_are_what_they_are_called() -> None:
 
 def test_bad_options_are_refused_before_anything_runs() -> None:
     with pytest.raises(ConfigError, match="duration"):
-        check_lateral_steps(LateralStepsOptions(duration=-1.0))
+        prepare(LateralSteps(duration=-1.0))
     with pytest.raises(UnknownNameError, match="robot"):
-        check_lateral_steps(LateralStepsOptions(robot="atlas"))
+        prepare(LateralSteps(robot="atlas"))

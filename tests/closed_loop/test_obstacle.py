@@ -5,14 +5,15 @@ from functools import cache
 import pytest
 
 from experiments.recording.recording import STOPPED, RunResult
-from experiments.scenarios.hand_tracking import run_hand_tracking
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
 
 
 @cache
 def passing(robot: str, name: str) -> RunResult:
-    return run_hand_tracking(
-        HandTrackingOptions(
+    return run(
+        HandTracking(
             robot=robot,
             motion="hold",
             obstacle=True,
@@ -41,8 +42,8 @@ def test_with_issf_the_robot_gives_way_and_stands(robot_name: str) -> None:
 
 
 def test_a_lost_obstacle_stops_the_robot() -> None:
-    options = HandTrackingOptions(motion="hold", obstacle=True, obstacle_lost_at=0.3, duration=1.5)
-    result = run_hand_tracking(options)
+    options = HandTracking(motion="hold", obstacle=True, obstacle_lost_at=0.3, duration=1.5)
+    result = run(options)
     summary = result.summary
     assert "track of obstacle 0" in summary["stop_cause"]
     # the last measurement comes at 0.283 s, and a track may be 0.2 s old

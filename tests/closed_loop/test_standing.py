@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from experiments.recording.recording import STOPPED, RunResult
-from experiments.running.run import control_config
-from experiments.scenarios.options import HandTrackingOptions, PlantOptions, RunOptions, StandOptions
-from experiments.scenarios.stand import run_stand
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.resolve import control_config
+from experiments.scenarios.stand import Stand
 from robots.loader import load_robot
 
 TIMES = {"tick_ms", "stages"}
@@ -17,7 +19,7 @@ TIMES = {"tick_ms", "stages"}
 
 def stand(**options: Any) -> RunResult:
     plant = {k: options.pop(k) for k in list(options) if k in PlantOptions.__dataclass_fields__}
-    return run_stand(StandOptions(plant=PlantOptions(**plant), **options))
+    return run(Stand(plant=PlantOptions(**plant), **options))
 
 
 def assert_same_run(a: RunResult, b: RunResult) -> None:
@@ -132,14 +134,14 @@ def test_a_simulation_that_blows_up_ends_the_run_with_its_cause(robot_name: str)
 def test_the_control_period_is_a_whole_number_of_physics_steps() -> None:
     robot = load_robot("g1")
     for rate, step in ((500.0, 0.001), (1000.0, 0.001), (2000.0, 0.0005), (200.0, 0.005), (10000.0, 0.0001)):
-        options = RunOptions(control_rate=rate, plant=PlantOptions(physics_dt=step))
+        options = Stand(control_rate=rate, plant=PlantOptions(physics_dt=step))
         assert control_config(robot, options).dt == pytest.approx(1 / rate)
 
 
 def test_the_summary_says_what_ran() -> None:
     result = stand(duration=0.1, seed=3, mass_scale=1.1)
-    head = {k: result.summary[k] for k in ("experiment", "robot", "filter", "mass_scale", "seed")}
-    assert head == {"experiment": "stand", "robot": "g1", "filter": "issf", "mass_scale": 1.1, "seed": 3}
-    assert result.config["options"]["seed"] == 3
+    head = {k: result.summary[k] for k in ("scenario", "robot", "filter", "mass_scale", "seed")}
+    assert head == {"scenario": "stand", "robot": "g1", "filter": "issf", "mass_scale": 1.1, "seed": None}
+    assert result.config["scenario"]["seed"] == 3
     assert result.config["plant"]["changes"]["mass_scale"] == 1.1
-    assert HandTrackingOptions().duration != StandOptions().duration
+    assert HandTracking().duration != Stand().duration

@@ -7,9 +7,11 @@ import numpy as np
 import pytest
 
 from experiments.recording.recording import RunResult
-from experiments.scenarios.hand_tracking import arm_length
-from experiments.scenarios.options import PlantOptions, TaichiOptions
-from experiments.scenarios.taichi import ARM, check_taichi, hand_targets, run_taichi, taichi_figures
+from experiments.running.run import prepare, run
+from experiments.scenarios.hand_motions import arm_length
+from experiments.scenarios.one_leg import ARM, hand_targets, one_leg_metrics
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.taichi import Taichi
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.kinematics import Kinematics
@@ -32,7 +34,7 @@ def heavy_run(robot_name: str, tmp_path_factory: pytest.TempPathFactory) -> RunR
     """A fifth heavier than the model, on slippery ground."""
     description = with_tuning(robot_name, tmp_path_factory.mktemp("taichi"), **SHORT)
     plant = PlantOptions(mass_scale=1.2, friction=0.5)
-    return run_taichi(TaichiOptions(robot=description, duration=7.2, plant=plant))
+    return run(Taichi(robot=description, duration=7.2, plant=plant))
 
 
 def test_the_foot_goes_up_and_comes_down_again(heavy_run: RunResult) -> None:
@@ -82,7 +84,7 @@ def test_torques_change_smoothly(heavy_run: RunResult) -> None:
 
 def test_without_feed_forward_torques_it_falls(robot_name: str) -> None:
     """The paper's ablation: joint PD about the safe velocity holds nobody up."""
-    result = run_taichi(TaichiOptions(robot=robot_name, duration=4.0, torque="pd-only"))
+    result = run(Taichi(robot=robot_name, duration=4.0, torque="pd-only"))
     assert result.summary["fell"]
     assert result.series["in_contact"].all()
 
@@ -90,11 +92,11 @@ def test_without_feed_forward_torques_it_falls(robot_name: str) -> None:
 def test_what_is_not_allowed_is_named_before_anything_runs(tmp_path: Path) -> None:
     for field, value in (("torque", "none"), ("push", ("60;left;3",)), ("push", ("60,up,3",))):
         with pytest.raises(ConfigError, match=field):
-            check_taichi(dataclasses.replace(TaichiOptions(), **{field: value}))
+            prepare(dataclasses.replace(Taichi(), **{field: value}))
     with pytest.raises(DescriptionError, match="shift"):
-        check_taichi(TaichiOptions(robot=with_tuning("g1", tmp_path, shift=1.0)))
+        prepare(Taichi(robot=with_tuning("g1", tmp_path, shift=1.0)))
     with pytest.raises(ConfigError, match="lift_time"):
-        check_taichi(TaichiOptions(robot=with_tuning("g1", tmp_path, lift_time=0.0)))
+        prepare(Taichi(robot=with_tuning("g1", tmp_path, lift_time=0.0)))
 
 
 def test_ways_of_the_hands_are_the_papers_on_its_robot(robot: RobotDescription) -> None:
@@ -114,7 +116,7 @@ def test_the_foot_counts_as_up_from_ten_centimetres(robot: RobotDescription) -> 
     soles[50:60, 1, 2] += 0.09
     wrench = np.zeros((100, 2, 6))
     wrench[-1, :, 2] = [300.0, 100.0]
-    figures = taichi_figures(robot, {"time": time, "soles": soles, "foot_wrench": wrench})
+    figures = one_leg_metrics({"time": time, "soles": soles, "foot_wrench": wrench})
     assert figures == {"foot_up_s": pytest.approx(0.3), "right_load_end": 0.25}
     wrench[-1] = 0.0
-    assert taichi_figures(robot, {"time": time, "soles": soles, "foot_wrench": wrench})["right_load_end"] == 0.0
+    assert one_leg_metrics({"time": time, "soles": soles, "foot_wrench": wrench})["right_load_end"] == 0.0

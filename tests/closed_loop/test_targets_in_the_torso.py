@@ -5,8 +5,9 @@ from functools import cache
 import pytest
 
 from experiments.recording.recording import RunResult
-from experiments.scenarios.hand_tracking import run_hand_tracking
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.studies.tuning_scenarios import torso_targets
 from robots.loader import load_robot
 
@@ -18,10 +19,8 @@ MASSES = (0.8, 1.0, 1.2)
 
 @cache
 def sent(robot: str, mass: float, motion: str, target: tuple[float, float, float]) -> RunResult:
-    options = HandTrackingOptions(
-        robot=robot, duration=4.0, motion=motion, target=target, plant=PlantOptions(mass_scale=mass)
-    )
-    return run_hand_tracking(options)
+    options = HandTracking(robot=robot, duration=4.0, motion=motion, target=target, plant=PlantOptions(mass_scale=mass))
+    return run(options)
 
 
 @pytest.mark.parametrize("mass", MASSES)
@@ -37,10 +36,10 @@ def test_the_robot_keeps_out_of_itself(robot_name: str, motion: str, mass: float
 
 
 def test_without_a_filter_the_hands_enter(robot_name: str) -> None:
-    options = HandTrackingOptions(
+    options = HandTracking(
         robot=robot_name, duration=2.0, motion="target", target=BETWEEN[robot_name], safety=FilterOptions(filter="none")
     )
-    assert run_hand_tracking(options).summary["min_h_self_collision_m"] < -0.02
+    assert run(options).summary["min_h_self_collision_m"] < -0.02
 
 
 def test_targets_in_every_body_of_the_torso_leave_the_hands_outside(robot_name: str) -> None:
@@ -53,13 +52,13 @@ def test_the_estimate_of_the_disturbance_makes_room() -> None:
     bold = {"alpha": 5.0, "epsilon": 4.0}
     least = []
     for adaptive in (False, True):
-        options = HandTrackingOptions(
+        options = HandTracking(
             duration=4.0,
             motion="target",
             target=BETWEEN["g1"],
             plant=PlantOptions(mass_scale=1.2),
             safety=FilterOptions(adaptive=adaptive, **bold),
         )
-        least.append(run_hand_tracking(options).summary["min_h_self_collision_m"])
+        least.append(run(options).summary["min_h_self_collision_m"])
     assert least[0] < 0
     assert least[1] > least[0] + 0.001

@@ -9,9 +9,13 @@ import pytest
 from controllers.gaits.commands import VelocityCommand
 from experiments.recording.recording import RunResult
 from experiments.running.run import run
-from experiments.scenarios.options import PlantOptions, RunOptions, WalkOptions
-from experiments.scenarios.scenario import DIRECTIONS, Push
-from experiments.scenarios.walk import meeting, run_walk, walk_scenario
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.pushed import Pushed
+from experiments.scenarios.pushes import DIRECTIONS, Push
+from experiments.scenarios.scenario import Setup
+from experiments.scenarios.walk import Walk
+from experiments.scenarios.walk_plan import meeting, walk_setup
+from robots.description import RobotDescription
 from robots.loader import load_robot
 
 SPEED = 0.2
@@ -20,7 +24,7 @@ PUSHED_AT = 1.8
 
 @functools.cache
 def heavy_walk(robot: str) -> RunResult:
-    return run_walk(WalkOptions(robot=robot, duration=8.0, vx=SPEED, plant=PlantOptions(mass_scale=1.2)))
+    return run(Walk(robot=robot, duration=8.0, vx=SPEED, plant=PlantOptions(mass_scale=1.2)))
 
 
 def test_a_heavier_robot_walks_and_stops(robot_name: str) -> None:
@@ -66,9 +70,9 @@ def test_the_estimated_load_is_the_robots(robot_name: str) -> None:
 
 def test_the_heavier_g1_walks_fast_and_is_where_the_meeting_with_an_obstacle_is_planned() -> None:
     """At 0.4 m/s, where steps take longer than slow ones; in the middle of the left foot's third support."""
-    options = WalkOptions(duration=8.6, vx=0.4, plant=PlantOptions(mass_scale=1.2))
+    options = Walk(duration=8.6, vx=0.4, plant=PlantOptions(mass_scale=1.2))
     place = meeting(dataclasses.replace(options, obstacle="moving", duration=20.0), load_robot("g1"))
-    result = run_walk(options)
+    result = run(options)
     assert not result.summary["fell"]
     assert result.summary["qp_failures"] == 0
     assert result.summary["foot_slide_max_m"] < 0.005
@@ -84,12 +88,18 @@ def walk_until(t: float) -> VelocityCommand:
     return VelocityCommand(vx=SPEED) if t >= 0.5 else VelocityCommand()
 
 
+class WalkUntil(Pushed):
+    """Walks from half a second on."""
+
+    def setup(self, robot: RobotDescription) -> Setup:
+        return walk_setup(robot, walk_until)
+
+
 def test_a_push_to_the_side_moves_a_foothold_and_the_robot_walks_on() -> None:
     """0.15 N s per kg: the foot after the push comes down elsewhere, later ones are a width apart again."""
     robot = load_robot("g1")
-    scenario = walk_scenario(robot, walk_until)
     push = Push(1.5 * robot.total_mass, DIRECTIONS["left"], PUSHED_AT)
-    result = run(dataclasses.replace(scenario, pushes=(push,)), RunOptions(robot="g1", duration=4.2))
+    result = run(WalkUntil(duration=4.2, pushes=(push,)))
     summary, series = result.summary, result.series
     assert not summary["fell"]
     assert summary["qp_failures"] == 0

@@ -9,8 +9,8 @@ import pytest
 from controllers.motions.hands import circle_settings
 from controllers.whole_body.config import ContactTuning, ControllerConfig, FilterTuning, TaskTuning
 from controllers.whole_body.robot_config import controller_config
-from experiments.running.run import filter_changes
 from experiments.scenarios.options import FilterOptions
+from experiments.scenarios.resolve import filter_changes
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot

@@ -11,9 +11,10 @@ from hypothesis import strategies as st
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
-from experiments.running.run import check_options, control_config, filter_changes
-from experiments.scenarios.options import FilterOptions, StandOptions
-from experiments.scenarios.stand import run_stand
+from experiments.running.run import prepare, run
+from experiments.scenarios.options import FilterOptions
+from experiments.scenarios.resolve import control_config, filter_changes
+from experiments.scenarios.stand import Stand
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from safety.barriers.rows import FAMILIES
@@ -94,7 +95,7 @@ def test_what_is_wrong_is_named(tmp_path: Path, text: str, named: str) -> None:
         read_tuning(written(tmp_path, text), "g1")
     # and refused by a run before it begins
     with pytest.raises(ConfigError, match=named):
-        check_options(StandOptions(safety=FilterOptions(tuning=tmp_path / "tuning.toml")))
+        prepare(Stand(safety=FilterOptions(tuning=tmp_path / "tuning.toml")))
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
@@ -124,6 +125,6 @@ def test_a_run_takes_the_file_and_its_own_options_come_before(tmp_path: Path) ->
     assert (safety.obstacle.alpha, safety.obstacle.epsilon) == (usual.obstacle.alpha, 3.0)
     own = filter_changes(robot, FilterOptions(tuning=path, epsilon=0.2))["safety"]
     assert (own.self_collision.alpha, own.self_collision.epsilon) == (7.0, 0.2)
-    options = StandOptions(duration=0.1, safety=FilterOptions(tuning=path))
+    options = Stand(duration=0.1, safety=FilterOptions(tuning=path))
     assert control_config(robot, options).safety == safety
-    assert run_stand(options).config["controller"]["safety"]["self_collision"]["epsilon"] == 0.7
+    assert run(options).config["controller"]["safety"]["self_collision"]["epsilon"] == 0.7

@@ -13,13 +13,15 @@ from pathlib import Path
 
 import pytest
 
-import experiments.scenarios.options as options_module
 from controllers.whole_body.controller import STAGES
 from experiments.cli import console
 from experiments.cli import main as cli
 from experiments.recording.recording import load_result
 from experiments.running import warmup
-from experiments.scenarios.options import OutputOptions, PlantOptions, RunOptions, StandOptions
+from experiments.scenarios.options import OutputOptions, PlantOptions
+from experiments.scenarios.registry import SCENARIOS
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.stand import Stand
 from experiments.studies import results_tables as table
 from robots.kernel_types import CACHE_PREFIX
 from robots.loader import load_robot
@@ -27,7 +29,7 @@ from robots.loader import load_robot
 ROOT = Path(__file__).resolve().parents[2]
 
 REQUIRED = (
-    "experiment",
+    "scenario",
     "robot",
     "filter",
     "mass_scale",
@@ -281,12 +283,12 @@ def test_a_run_leaves_configuration_summary_series_and_report(tmp_path: Path) ->
     assert [p.name for p in tmp_path.iterdir()] == ["here"]
     summary = json.loads((folder / "summary.json").read_text())
     assert set(REQUIRED) <= set(summary)
-    assert (summary["experiment"], summary["robot"], summary["mass_scale"]) == ("stand", "g1", 1.1)
+    assert (summary["scenario"], summary["robot"], summary["mass_scale"]) == ("stand", "g1", 1.1)
     assert (summary["hand_rmse_m"], summary["collision_ratio"]) == (None, None)
     assert summary["duration_s"] == pytest.approx(0.3)
     assert summary["fell"] is False
     result = load_result(folder)
-    assert result.config["options"]["plant"]["mass_scale"] == 1.1
+    assert result.config["scenario"]["plant"]["mass_scale"] == 1.1
     assert len(result.series["time"]) == 150
     assert "results: here" in done.stdout
 
@@ -297,7 +299,7 @@ def test_hand_tracking_summarises_the_same_and_more(safewbc: CommandLine) -> Non
     summary = json.loads((safewbc.folder / "h" / "summary.json").read_text())
     assert set(REQUIRED) <= set(summary)
     assert summary["hand_rmse_m"] < 0.01
-    assert summary["experiment"] == "hand-tracking"
+    assert summary["scenario"] == "hand-tracking"
     assert safewbc.files() == ["h", "h/config.json", "h/series.npz", "h/summary.json"]
 
 
@@ -315,10 +317,14 @@ def test_a_folder_used_before_holds_no_pictures_of_the_old_run(safewbc: CommandL
     old.mkdir()
     for name in ("report.html", "video.mp4", "summary.json", "notes.txt"):
         (old / name).write_text("old")
-    assert safewbc("run", "stand", "--duration", "0.1", "--out", "again", *QUICK).code == 0
+    refused = safewbc("run", "stand", "--duration", "0.1", "--out", "again", *QUICK)
+    assert refused.code == 2
+    assert "--overwrite" in refused.err
+    assert {(old / name).read_text() for name in ("report.html", "video.mp4", "summary.json")} == {"old"}
+    assert safewbc("run", "stand", "--duration", "0.1", "--out", "again", "--overwrite", *QUICK).code == 0
     names = sorted(p.name for p in old.iterdir())
     assert names == ["config.json", "notes.txt", "series.npz", "summary.json"]
-    assert json.loads((old / "summary.json").read_text())["experiment"] == "stand"
+    assert json.loads((old / "summary.json").read_text())["scenario"] == "stand"
     assert (old / "notes.txt").read_text() == "old"
 
 
@@ -346,7 +352,7 @@ def test_an_empty_folder_that_was_there_before_stays(safewbc: CommandLine, monke
     def broken(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(console, "run_one", broken)
+    monkeypatch.setattr(console, "run_prepared", broken)
     (safewbc.folder / "mine").mkdir()
     assert safewbc("run", "stand", "--out", "mine", *QUICK).code == 130
     assert safewbc.files() == ["mine"]
@@ -378,45 +384,68 @@ def test_an_interrupted_run_says_so_and_leaves_no_empty_folder(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(console, "run_one", interrupted)
+    monkeypatch.setattr(console, "run_prepared", interrupted)
     outcome = safewbc("run", "stand", "--out", "i", *QUICK)
     assert outcome.code == 130
     assert outcome.err == "safewbc: interrupted\n"
     assert safewbc.files() == []
 
 
-def test_control_c_ends_a_running_command_without_a_traceback(tmp_path: Path) -> None:
-    """The signal comes when the simulation is known to run, and finds what a terminal gives: it is not ignored."""
+def start_run(folder: Path, *arguments: str) -> subprocess.Popen[str]:
+    """A run in a process of its own, which prints a line when it simulates; Ctrl-C is what a terminal makes it."""
     # jobs in the background of a shell are started with the interrupt ignored, and pass that on
     program = """
 import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from experiments.cli import main as cli
 from experiments.cli import console
-run_one = console.run_one
-console.run_one = lambda options, advance: run_one(options, lambda t: (print("at", t, flush=True), advance(t)))
+run_prepared = console.run_prepared
+def told(given, observers):
+    return run_prepared(given, (lambda t: print("at", t, flush=True), *observers))
+console.run_prepared = told
 cli.main()
 """
-    environment = os.environ | {"PYTHONPATH": str(ROOT)}
     process = subprocess.Popen(
-        [sys.executable, "-c", program, "run", "stand", "--duration", "600", "--out", "c"],
-        cwd=tmp_path,
-        env=environment,
+        [sys.executable, "-c", program, "run", "stand", *arguments],
+        cwd=folder,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+    assert process.stdout is not None
+    assert process.stdout.readline() == "at 0.0\n"
+    return process
+
+
+def test_control_c_keeps_what_was_simulated(safewbc: CommandLine) -> None:
+    """The signal comes when the simulation is known to run; what is saved is made again by replay."""
+    process = start_run(safewbc.folder, "--duration", "600", "--out", "c", "--no-video", "--no-report")
     try:
-        assert process.stdout is not None
-        assert process.stdout.readline() == "at 0.0\n"
-        assert (tmp_path / "c").is_dir()
         process.send_signal(signal.SIGINT)
         _, err = process.communicate(timeout=60)
     finally:
         process.kill()
-    assert process.returncode == 130
-    assert err == "safewbc: interrupted\n"
-    assert list(tmp_path.iterdir()) == []
+    assert process.returncode == 130, err
+    result = load_result(safewbc.folder / "c")
+    assert result.summary["stop_cause"] == "interrupted"
+    assert 0.0 < result.summary["duration_s"] < 600.0
+    assert result.summary["stop_time_s"] == pytest.approx(result.summary["duration_s"])
+    assert len(result.series["time"]) == round(500 * result.summary["duration_s"])
+    assert safewbc("replay", "c").code == 0
+
+
+def test_two_runs_in_one_folder_are_refused_and_a_killed_one_leaves_nothing_in_the_way(safewbc: CommandLine) -> None:
+    process = start_run(safewbc.folder, "--duration", "600", "--out", "c")
+    try:
+        second = safewbc("run", "stand", "--duration", "0.1", "--out", "c", *QUICK)
+        assert second.code == 2
+        assert "no other run is writing to" in second.err
+    finally:
+        process.kill()
+        process.communicate()
+    assert safewbc("run", "stand", "--duration", "0.1", "--out", "c", *QUICK).code == 0
+    assert safewbc.files() == ["c", "c/config.json", "c/series.npz", "c/summary.json"]
 
 
 def test_unused_folders_are_numbered(tmp_path: Path) -> None:
@@ -514,7 +543,7 @@ def test_the_table_takes_no_option_that_it_ignores(safewbc: CommandLine) -> None
 
 
 def test_the_table_saves_every_run_in_its_folder(safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
-    group: list[RunOptions] = [StandOptions(duration=0.1, plant=PlantOptions(mass_scale=m)) for m in (1.0, 1.2)]
+    group: list[Scenario] = [Stand(duration=0.1, plant=PlantOptions(mass_scale=m)) for m in (1.0, 1.2)]
     monkeypatch.setattr(table, "runs", lambda: {"Short": (group, table.STAND_COLUMNS)})
     outcome = safewbc("table", "--jobs", "1", "--out", "t")
     assert outcome.code == 0, outcome.err
@@ -537,17 +566,23 @@ def test_bench_prints_and_writes_every_stage(safewbc: CommandLine) -> None:
 # --- help
 
 
+OPTION_FILES = ("options", "scenario", *(kind.__module__.split(".")[-1] for kind in SCENARIOS))
+OPTIONS = [p for p in (ROOT / "experiments" / "scenarios").glob("*.py") if p.stem in OPTION_FILES]
+
+
 def documented_options() -> list[tuple[str, str, str, str]]:
     """Class, name, type and text of every option, as written in the source."""
-    tree = ast.parse(Path(options_module.__file__).read_text(encoding="utf-8"))
     out = []
-    for group in (n for n in tree.body if isinstance(n, ast.ClassDef)):
-        for field, text in zip(group.body, [*group.body[1:], None], strict=True):
-            if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
-                annotation = ast.unparse(field.annotation)
-                said = text.value.value if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) else ""
-                out.append((group.name, field.target.id, annotation, str(said)))
-    return out
+    for path in OPTIONS:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for group in (n for n in tree.body if isinstance(n, ast.ClassDef) and n.name not in {"Setup", "Runnable"}):
+            for field, text in zip(group.body, [*group.body[1:], None], strict=True):
+                if isinstance(field, ast.AnnAssign) and isinstance(field.target, ast.Name):
+                    annotation = ast.unparse(field.annotation)
+                    documented = isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant)
+                    said = text.value.value if documented else ""  # type: ignore[union-attr]
+                    out.append((group.name, field.target.id, annotation, str(said)))
+    return [entry for entry in out if not entry[2].startswith("ClassVar")]
 
 
 @pytest.mark.parametrize(("group", "name", "kind", "text"), documented_options(), ids=lambda x: str(x)[:20])
@@ -562,7 +597,7 @@ def test_every_option_is_documented_and_every_number_has_its_unit(group: str, na
 def test_help_shows_every_option_of_a_run(safewbc: CommandLine) -> None:
     outcome = safewbc("run", "hand-tracking", "--help")
     assert outcome.code == 0
-    groups = {"PlantOptions", "FilterOptions", "OutputOptions", "RunOptions", "HandTrackingOptions"}
+    groups = {"PlantOptions", "FilterOptions", "OutputOptions", "Scenario", "HandTracking"}
     for group, name, kind, _ in documented_options():
         if group in groups and not kind.startswith("Annotated"):
             assert f"-{name.replace('_', '-')}" in outcome.out, name

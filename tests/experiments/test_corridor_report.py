@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from experiments.cli import main as cli
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.reports.corridor import write_corridor_report
 from experiments.reports.corridor_table import figure_cell
 from experiments.reports.table import Cell
@@ -30,11 +30,11 @@ def bare_cbf(corridor_g1: RobotDescription) -> CorridorRun:
 
 
 def test_a_score_without_anything_to_score_reads_none(bare_cbf: CorridorRun) -> None:
-    assert figure_cell(Figure("C", "C"), bare_cbf.summary["C"]) == Cell("none")
+    assert figure_cell(Metric("C", "C"), bare_cbf.summary["C"]) == Cell("none")
 
 
 def test_rounding_is_no_overlap_and_an_overlap_stands_out() -> None:
-    figure = Figure("min_h_hand_m", "nearest hand", "mm", 1e3, "negative")
+    figure = Metric("min_h_hand_m", "nearest hand", "mm", 1e3, "negative")
     for value, text, bad in ((-1e-9, "0.0", False), (-0.0012, "-1.2", True), (0.0012, "1.2", False)):
         assert figure_cell(figure, value) == Cell(text, bad)
 

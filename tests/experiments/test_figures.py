@@ -1,6 +1,7 @@
 import pytest
 
-from experiments.metrics.metric import FIGURES, Figure
+from experiments.metrics.declared import METRICS
+from experiments.metrics.metric import Metric
 
 
 @pytest.mark.parametrize(
@@ -22,16 +23,16 @@ from experiments.metrics.metric import FIGURES, Figure
     ],
 )
 def test_what_stands_out(bad: str, value: object, expected: bool) -> None:
-    assert Figure("key", "words", bad=bad).is_bad(value) is expected
+    assert Metric("key", "words", bad=bad).is_bad(value) is expected
 
 
 def test_values_are_shown_in_their_unit() -> None:
-    assert Figure("x_m", "x", "mm", 1e3).text(0.0033149) == "3.31"
-    assert Figure("n", "n").text(12) == "12"
-    assert Figure("fell", "fell").text(True) == "yes"
-    assert Figure("x", "x").text(None) == "-"
+    assert Metric("x_m", "x", "mm", 1e3).text(0.0033149) == "3.31"
+    assert Metric("n", "n").text(12) == "12"
+    assert Metric("fell", "fell").text(True) == "yes"
+    assert Metric("x", "x").text(None) == "-"
 
 
 def test_each_figure_is_shown_once() -> None:
-    keys = [figure.key for figure in FIGURES]
+    keys = [figure.key for figure in METRICS]
     assert len(set(keys)) == len(keys)

@@ -16,8 +16,12 @@ from rich.console import Console
 from controllers.gaits.footholds import LEFT
 from experiments.reports.metric_tables import rows_table
 from experiments.running.pool import Row, RunTask, ending, in_parallel, tick_figures
-from experiments.scenarios.options import LateralStepsOptions, RunOptions, StandOptions, TaichiOptions, WalkOptions
-from experiments.scenarios.registry import experiment_of
+from experiments.running.run import prepare
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
 from experiments.studies import locomotion_table
 from experiments.studies import locomotion_tables as locomotion_sections
 from experiments.studies.locomotion_tables import StudyTable, chosen_tables
@@ -36,7 +40,7 @@ def tables(folder: Path, **options: Any) -> dict[str, StudyTable]:
     return made
 
 
-def runs_of(table: StudyTable) -> list[RunOptions]:
+def runs_of(table: StudyTable) -> list[Scenario]:
     return [task.options for task in table.tasks if isinstance(task, RunTask)]
 
 
@@ -45,12 +49,12 @@ def test_every_run_is_allowed_and_has_a_folder_of_its_own(quick: bool, tmp_path:
     tasks = [t for table in tables(tmp_path, quick=quick).values() for t in table.tasks if isinstance(t, RunTask)]
     assert len({task.folder for task in tasks}) == len(tasks)
     for task in tasks:
-        experiment_of(task.options).check(task.options)
+        prepare(task.options)
 
 
 def test_robots_masses_grounds_and_filters_of_the_runs(tmp_path: Path) -> None:
     made = tables(tmp_path)
-    taichi = [o for o in runs_of(made["taichi"]) if isinstance(o, TaichiOptions)]
+    taichi = [o for o in runs_of(made["taichi"]) if isinstance(o, Taichi)]
     issf = {
         (o.robot, o.plant.mass_scale, o.plant.friction)
         for o in taichi
@@ -59,12 +63,12 @@ def test_robots_masses_grounds_and_filters_of_the_runs(tmp_path: Path) -> None:
     assert issf == {(r, m, mu) for r in ("g1", "tocabi") for m in (0.9, 1.0, 1.2) for mu in (0.5, 1.0)}
     assert {(o.robot, o.torque) for o in taichi} >= {(r, t) for r in ("g1", "tocabi") for t in ("pd-only", "gravity")}
     assert {o.plant.mass_scale for o in taichi if o.safety.filter == "none"} == {1.0, 1.2}
-    lateral = [o for o in runs_of(made["lateral-steps"]) if isinstance(o, LateralStepsOptions)]
+    lateral = [o for o in runs_of(made["lateral-steps"]) if isinstance(o, LateralSteps)]
     assert {o.safety.filter for o in lateral} == {"issf", "cbf", "none"}
-    walks = [o for o in runs_of(made["walks"]) if isinstance(o, WalkOptions)]
+    walks = [o for o in runs_of(made["walks"]) if isinstance(o, Walk)]
     assert len(walks) == 20
     assert all(o.duration == 60.0 for o in walks)
-    spheres = [o for o in runs_of(made["obstacle"]) if isinstance(o, WalkOptions)]
+    spheres = [o for o in runs_of(made["obstacle"]) if isinstance(o, Walk)]
     assert {(o.robot, o.obstacle, o.safety.filter) for o in spheres} == {
         (r, k, f) for r in ("g1", "tocabi") for k in ("static", "moving") for f in ("issf", "none")
     }
@@ -109,9 +113,7 @@ def test_lines_stand_under_the_title_they_belong_to(
 
 def test_each_line_is_a_run_that_was_saved(tmp_path: Path) -> None:
     """Made in processes of their own, in the order of the tasks."""
-    tasks = [
-        RunTask(StandOptions(duration=0.2 + 0.1 * i), tmp_path / str(i), {"case": i}, series=i == 0) for i in range(3)
-    ]
+    tasks = [RunTask(Stand(duration=0.2 + 0.1 * i), tmp_path / str(i), {"case": i}, series=i == 0) for i in range(3)]
     lines = list(in_parallel(tasks, 2, Console(stderr=True)))
     assert [(line["case"], line["duration_s"]) for line in lines] == [(0, 0.2), (1, 0.3), (2, 0.4)]
     assert [(tmp_path / str(i) / "series.npz").exists() for i in range(3)] == [True, False, False]

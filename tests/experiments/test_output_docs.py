@@ -9,20 +9,17 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.controller import STAGES
+from experiments.metrics.declared_motion import DRAWN
+from experiments.metrics.output_page import with_tables
 from experiments.recording.recording import FILTER_STATUSES, RunResult, save_result
-from experiments.scenarios.hand_tracking import run_hand_tracking
-from experiments.scenarios.lateral_steps import run_lateral_steps
-from experiments.scenarios.options import (
-    HandTrackingOptions,
-    LateralStepsOptions,
-    PlantOptions,
-    StandOptions,
-    TaichiOptions,
-    WalkOptions,
-)
-from experiments.scenarios.stand import run_stand
-from experiments.scenarios.taichi import run_taichi
-from experiments.scenarios.walk import run_walk
+from experiments.running.run import run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, SelfCollisionBarrier
 
@@ -41,14 +38,14 @@ def rows(section: str) -> dict[str, list[str]]:
 @pytest.fixture(scope="module")
 def hands() -> RunResult:
     """A run with everything in it: a hand task and an obstacle."""
-    return run_hand_tracking(HandTrackingOptions(duration=0.3, motion="hold", obstacle=True))
+    return run(HandTracking(duration=0.3, motion="hold", obstacle=True))
 
 
 @pytest.fixture(scope="module")
 def filtered() -> RunResult:
     """Into the conflict, on a robot that strays from the filter's velocity; a tick is a step, so each state is kept."""
-    options = HandTrackingOptions(duration=2.2, control_rate=1000.0, plant=PlantOptions(mass_scale=1.2))
-    result = run_hand_tracking(options)
+    options = HandTracking(duration=2.2, control_rate=1000.0, plant=PlantOptions(mass_scale=1.2))
+    result = run(options)
     assert len(result.series["step_time"]) == len(result.series["time"])
     acted = result.series["filter_status"] == FILTER_STATUSES.index("filtered")
     assert np.count_nonzero(acted) > 200
@@ -59,18 +56,28 @@ def filtered() -> RunResult:
 @pytest.fixture(scope="module")
 def stand() -> RunResult:
     """A run without either."""
-    return run_stand(StandOptions(duration=0.2))
+    return run(Stand(duration=0.2))
 
 
 @pytest.fixture(scope="module")
 def stepping() -> list[RunResult]:
     """The runs that lift feet; the walk so long that it comes to steps."""
-    walk = run_walk(WalkOptions(duration=5.5))
-    return [run_taichi(TaichiOptions(duration=0.2)), run_lateral_steps(LateralStepsOptions(duration=0.2)), walk]
+    walk = run(Walk(duration=5.5))
+    return [run(Taichi(duration=0.2)), run(LateralSteps(duration=0.2)), walk]
+
+
+def test_the_tables_of_the_page_are_those_of_the_declarations() -> None:
+    assert with_tables(PAGE) == PAGE, "make docs-output writes them anew"
+
+
+def test_a_table_that_has_no_place_is_missed() -> None:
+    with pytest.raises(ConfigError, match="arrays per step"):
+        with_tables(PAGE.replace("<!-- arrays per step", "<!-- arrays per stop"))
 
 
 def test_every_figure_is_in_the_page_and_nothing_else(hands: RunResult, stepping: list[RunResult]) -> None:
-    assert set(rows("summary.json")) == set(hands.summary).union(*(run.summary for run in stepping))
+    drawn = {metric.key for metric in DRAWN}
+    assert set(rows("summary.json")) == set(hands.summary).union(drawn, *(made.summary for made in stepping))
 
 
 def test_figures_of_single_experiments_are_said_to_be_theirs(hands: RunResult, stepping: list[RunResult]) -> None:
@@ -78,9 +85,9 @@ def test_figures_of_single_experiments_are_said_to_be_theirs(hands: RunResult, s
         name: re.findall(r"`([\w-]+)`", cells[0]) for name, cells in rows("summary.json").items() if len(cells) == 3
     }
     assert not set(said) & set(hands.summary)
-    for run in stepping:
-        own = {name for name, experiments in said.items() if run.summary["experiment"] in experiments}
-        assert own == set(run.summary) - set(hands.summary)
+    for made in stepping:
+        own = {name for name, experiments in said.items() if made.summary["scenario"] in experiments}
+        assert own == set(made.summary) - set(hands.summary)
 
 
 def test_figures_that_standing_lacks_are_marked_absent(hands: RunResult, stand: RunResult) -> None:
@@ -92,8 +99,8 @@ def test_figures_that_do_not_apply_are_said_to_be_null(
     hands: RunResult, stand: RunResult, stepping: list[RunResult]
 ) -> None:
     page = rows("summary.json")
-    for run in (hands, stand, *stepping):
-        for name, value in run.summary.items():
+    for made in (hands, stand, *stepping):
+        for name, value in made.summary.items():
             if value is None:
                 assert "`null`" in page[name][-1], name
 
@@ -102,20 +109,21 @@ def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
     hands: RunResult, stepping: list[RunResult]
 ) -> None:
     page = rows("series.npz")
-    assert set(page) == set(hands.series).union(*(run.series for run in stepping))
-    for run in (hands, *stepping):
-        nj = len(run.robot.joints)
+    assert set(page) == set(hands.series).union(*(made.series for made in stepping))
+    for made in (hands, *stepping):
+        nj = len(made.robot.joints)
         sizes = {
-            "T": round(500 * run.summary["duration_s"]),
-            "P": round(1000 * run.summary["duration_s"]),
+            "T": round(500 * made.summary["duration_s"]),
+            "P": round(1000 * made.summary["duration_s"]),
             "nj": nj,
             "nq": 7 + nj,
             "nv": 6 + nj,
-            "pairs": len(run.robot.self_collision_pairs),
-            "bounds": len(run.robot.workspace),
-            "K": len(run.series["support_polygon"]),
+            "pairs": len(made.robot.self_collision_pairs),
+            "bounds": len(made.robot.workspace),
+            "bodies": len(made.series.get("obstacles", np.zeros((1, 0)))[0]),
+            "K": len(made.series["support_polygon"]),
         }
-        for name, values in run.series.items():
+        for name, values in made.series.items():
             shape = tuple(sizes.get(n) or int(n) for n in re.findall(r"\w+", page[name][0]))
             assert values.shape == shape, name
 
@@ -129,17 +137,17 @@ def test_arrays_that_only_some_runs_have_are_marked(
         conditions = ("only with a hand task", "only with `--obstacle`")
         # three arrays of the hands are covered by the sentence at the first
         assert any(c in page[name][-1] for c in conditions) or name in {"left_hand_ref", "right_hand", "right_hand_ref"}
-    for run in stepping:
-        own = {name for name, c in page.items() if re.search(f"only in .*`{run.summary['experiment']}`", c[-1])}
-        assert own == set(run.series) - set(hands.series)
+    for made in stepping:
+        own = {name for name, c in page.items() if re.search(f"only in .*`{made.summary['scenario']}`", c[-1])}
+        assert own == set(made.series) - set(hands.series)
 
 
 def test_corners_are_in_the_order_that_the_page_tells_and_about_the_soles(stepping: list[RunResult]) -> None:
-    for run in stepping:
-        corners = run.series["sole_corners"]
-        np.testing.assert_allclose(corners.mean(axis=2), run.series["soles"][:, :, :2], rtol=0, atol=1e-12)
+    for made in stepping:
+        corners = made.series["sole_corners"]
+        np.testing.assert_allclose(corners.mean(axis=2), made.series["soles"][:, :, :2], rtol=0, atol=1e-12)
         front_left, rear_left, rear_right, _ = np.moveaxis(corners[0], 1, 0)
-        for foot, sole in enumerate(run.robot.soles):
+        for foot, sole in enumerate(made.robot.soles):
             # the robot faces x; its soles may be turned a little
             np.testing.assert_allclose(front_left - rear_left, [[2 * sole.half_length, 0]] * 2, atol=0.01)
             assert np.linalg.norm((rear_left - rear_right)[foot]) == pytest.approx(2 * sole.half_width, rel=1e-3)

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from experiments.scenarios.scenario import PUSH_TIME
+from experiments.scenarios.pushes import PUSH_TIME
 from experiments.studies import pushes as push_search
 from experiments.studies.pushes import AFTER, STRIDE, PushCase, cases, largest_survived, run_case, true_mass, worst_of
 from experiments.studies.study_options import PushSearchOptions

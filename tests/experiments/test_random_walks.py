@@ -7,11 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from experiments.running.run import run
 from experiments.scenarios.options import PlantOptions
-from experiments.scenarios.scenario import PUSH_TIME
+from experiments.scenarios.pushes import PUSH_TIME
+from experiments.scenarios.random_draw import draw_walk, true_mass
+from experiments.scenarios.random_walk import RandomWalk
 from experiments.studies import random_walks as study
-from experiments.studies.random_walks import draw_walk, falls, run_random_walk, true_mass
-from experiments.studies.study_options import RandomWalkOptions, RandomWalksOptions
+from experiments.studies.random_walks import falls
+from experiments.studies.study_options import RandomWalksOptions
 from robots.errors import SafeWbcError
 from robots.loader import load_robot
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
@@ -101,12 +104,12 @@ def test_the_study_makes_the_runs_that_each_seed_makes(tmp_path: Path, capsys: p
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| 8"]
     saved = json.loads((tmp_path / "runs" / "random-walk-8" / "summary.json").read_text(encoding="utf-8"))
-    here = run_random_walk(RandomWalkOptions(seed=8, duration=6.0))
+    here = run(RandomWalk(seed=8, duration=6.0))
     timed = {name for name in saved if name.startswith("tick_ms")}
     assert {k: v for k, v in saved.items() if k not in timed} == {
         k: v for k, v in here.summary.items() if k not in timed
     }
-    assert here.config["options"]["plant"] == dataclasses.asdict(PlantOptions())
+    assert here.config["scenario"] == RandomWalk(seed=8, duration=6.0).to_json()
     assert here.config["plant"]["changes"]["mass_scale"] == draw_walk(here.robot, 8, 6.0).plant.mass_scale
 
 
@@ -129,4 +132,4 @@ def test_wrong_options_are_refused_before_any_run(change: dict[str, object], nam
 
 def test_what_the_seed_draws_is_no_option() -> None:
     with pytest.raises(SafeWbcError, match="drawn from the seed"):
-        run_random_walk(RandomWalkOptions(plant=PlantOptions(mass_scale=1.1)))
+        run(RandomWalk(plant=PlantOptions(mass_scale=1.1)))

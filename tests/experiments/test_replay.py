@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 from experiments.cli import main as cli
-from experiments.recording.recording import load_result, plain, save_result
-from experiments.recording.replay import TIMES, array_differences, from_plain
-from experiments.scenarios.options import FilterOptions, PlantOptions, StandOptions, TaichiOptions, WalkOptions
-from experiments.scenarios.registry import EXPERIMENTS
-from experiments.scenarios.stand import run_stand
-from experiments.scenarios.walk import run_walk
+from experiments.recording.plain import plain
+from experiments.recording.recording import load_result, save_result
+from experiments.recording.replay import TIMES, array_differences
+from experiments.running.run import run
+from experiments.scenarios.content import from_plain
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.registry import RUNNABLE, read_scenario
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError
 
 
@@ -56,16 +60,16 @@ def test_a_dataclass_comes_back_from_json(value: Outer) -> None:
     assert isinstance(again.place, tuple) and isinstance(again.inner, Inner)
 
 
-def test_options_of_every_experiment_come_back() -> None:
+def test_every_scenario_comes_back_by_its_name() -> None:
     plant = PlantOptions(mass_scale=1.2, link_mass={"torso_link": 1.1}, com_shift=(0.01, 0.0, 0.0))
     given = (
-        StandOptions(plant=plant, safety=FilterOptions("cbf", alpha=3.0)),
-        TaichiOptions(push=("60,left,17.5",), torque="gravity"),
-        WalkOptions(script=Path("walk.txt"), push=("10,left,3", "20,90,4"), hands=True),
-        *(e.options() for e in EXPERIMENTS),
+        Stand(plant=plant, safety=FilterOptions("cbf", alpha=3.0)),
+        Taichi(push=("60,left,17.5",), torque="gravity"),
+        Walk(script=Path("walk.txt").resolve(), push=("10,left,3", "20,90,4"), hands=True),
+        *(kind() for kind in RUNNABLE),
     )
-    for options in given:
-        assert from_plain(type(options), through_json(options), "options") == options
+    for scenario in given:
+        assert read_scenario(json.loads(json.dumps(scenario.to_json()))) == scenario
 
 
 def test_what_is_not_given_keeps_its_default() -> None:
@@ -103,7 +107,7 @@ def test_what_does_not_fit_is_named(table: object, named: str, allowed: str) -> 
 def test_equal_arrays_do_not_differ_and_times_do_not_count() -> None:
     a = {"q": np.array([[1.0, np.nan], [0.0, 2.0]]), "tick_ms": np.array([1.0]), "stages": np.array([[2.0]])}
     b = {"q": a["q"].copy(), "tick_ms": np.array([9.0]), "stages": np.array([[3.0]])}
-    assert set(TIMES) == {"tick_ms", "stages"}
+    assert set(TIMES) == {"tick_ms", "stages", "filter_ms"}
     assert array_differences(a, b) == []
 
 
@@ -137,7 +141,7 @@ def replay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> object:
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
     plant = PlantOptions(mass_scale=1.1, noise_scale=1.0, actuator_delay=0.002, physics_dt=0.002)
-    save_result(run_walk(WalkOptions(duration=4.3, push=("20,left,2.5",), plant=plant, seed=3)), folder)
+    save_result(run(Walk(duration=4.3, push=("20,left,2.5",), plant=plant, seed=3)), folder)
     return folder
 
 
@@ -153,10 +157,10 @@ def test_another_seed_is_another_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "stand"
-    save_result(run_stand(StandOptions(duration=0.2, plant=PlantOptions(noise_scale=1.0), seed=3)), folder)
+    save_result(run(Stand(duration=0.2, plant=PlantOptions(noise_scale=1.0), seed=3)), folder)
     assert replay(folder, monkeypatch) == 0
     config = json.loads((folder / "config.json").read_text())
-    config["options"]["seed"] = 4
+    config["scenario"]["seed"] = 4
     config["controller"]["dt"] = 0.001
     (folder / "config.json").write_text(json.dumps(config))
     capsys.readouterr()
@@ -170,11 +174,12 @@ def test_another_seed_is_another_run(
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        (lambda c: c.pop("options"), "'options'"),
-        (lambda c: c.pop("experiment"), "'experiment'"),
-        (lambda c: c.update(experiment="fly"), "fly"),
-        (lambda c: c["options"].update(wings=2), "options.wings"),
-        (lambda c: c["options"].update(duration=-1.0), "duration"),
+        (lambda c: c.pop("scenario"), "'scenario'"),
+        (lambda c: c["scenario"].pop("scenario"), "'scenario'"),
+        (lambda c: c["scenario"].update(scenario="fly"), "fly"),
+        (lambda c: c["scenario"].update(scenario="nowhere:Fly"), "nowhere:Fly"),
+        (lambda c: c["scenario"].update(wings=2), "walk.wings"),
+        (lambda c: c["scenario"].update(duration=-1.0), "duration"),
     ],
 )
 def test_a_folder_that_cannot_be_replayed_is_refused(

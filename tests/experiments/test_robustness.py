@@ -10,22 +10,18 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.tuning_file import read_tuning
-from experiments.scenarios.hand_tracking import check_hand_tracking
-from experiments.scenarios.obstacles import AHEAD, DISTANCE, Passage
-from experiments.scenarios.options import (
-    FilterOptions,
-    HandTrackingOptions,
-    LateralStepsOptions,
-    PlantOptions,
-    WalkOptions,
-)
-from experiments.scenarios.registry import experiment_of
+from experiments.running.run import prepare, run
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.lateral_steps import LateralSteps
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.passing_sphere import AHEAD, DISTANCE, Passage
+from experiments.scenarios.walk import Walk
 from experiments.studies import robustness as study
+from experiments.studies.drawn_hands import DrawnHands
 from experiments.studies.robustness import (
     BARRIERS,
     BEFORE,
     SCENARIOS,
-    Drawn,
     RobustnessTask,
     check_robustness,
     draw,
@@ -47,9 +43,9 @@ def test_every_draw_is_allowed_within_its_ranges_and_made_again_by_its_seed(robo
     plants = []
     for seed in range(40):
         drawn = draw(robot, robot_name, scenario, seed)
-        assert drawn.options == draw(robot, robot_name, scenario, seed).options
-        experiment_of(drawn.options).check(drawn.options)
-        plants.append(drawn.options.plant)
+        assert drawn == draw(robot, robot_name, scenario, seed)
+        prepare(drawn)
+        plants.append(drawn.plant)
     body = {b.name: b.mass for b in robot.bodies}
     low, high = study.STEP_MASS if scenario == "steps" else study.MASS
     for plant in plants:
@@ -65,17 +61,16 @@ def test_every_draw_is_allowed_within_its_ranges_and_made_again_by_its_seed(robo
 
 
 def test_walks_and_side_steps_are_both_drawn() -> None:
-    kinds = {type(draw(load_robot("g1"), "g1", "steps", seed).options) for seed in range(20)}
-    assert kinds == {LateralStepsOptions, WalkOptions}
+    kinds = {type(draw(load_robot("g1"), "g1", "steps", seed)) for seed in range(20)}
+    assert kinds == {LateralSteps, Walk}
 
 
 def test_the_hands_of_a_draw_are_those_that_run() -> None:
     robot = load_robot("g1")
     drawn = draw(robot, "g1", "circles", 3)
-    assert drawn.hands is not None
-    short = dataclasses.replace(drawn, options=dataclasses.replace(drawn.options, duration=1.0))
-    asked = study._result(robot, short, FilterOptions(filter="none")).series["left_hand_ref"]
-    usual = study._result(robot, Drawn(short.options), FilterOptions(filter="none")).series["left_hand_ref"]
+    short = dataclasses.replace(drawn, duration=1.0, safety=FilterOptions(filter="none"))
+    asked = run(short).series["left_hand_ref"]
+    usual = run(HandTracking(duration=1.0, plant=drawn.plant, safety=short.safety)).series["left_hand_ref"]
     np.testing.assert_allclose(asked[0], usual[0], atol=1e-9)
     assert np.abs(asked - usual).max() > 1e-3
 
@@ -88,8 +83,8 @@ def test_seeds_are_not_those_of_tuning(tmp_path: Path) -> None:
 def test_spheres_are_drawn_and_pass_the_hand_that_they_come_to(robot_name: str) -> None:
     robot = load_robot(robot_name)
     draws = [draw(robot, robot_name, "obstacle", seed) for seed in range(40)]
-    passages = [d.passage for d in draws if d.passage is not None]
-    assert passages == [draw(robot, robot_name, "obstacle", seed).passage for seed in range(40)]
+    passages = [d.passage() for d in draws if isinstance(d, DrawnHands) and d.obstacle]
+    assert len(passages) == 40
     assert {p.from_left for p in passages} == {True, False}
     for values, (low, high) in (
         ([p.radius for p in passages], study.RADIUS),
@@ -100,18 +95,18 @@ def test_spheres_are_drawn_and_pass_the_hand_that_they_come_to(robot_name: str) 
         assert np.ptp(values) > 0.8 * (high - low)
     # closer than the radius, so the hand is in the way, and within the run
     assert all(np.hypot(AHEAD, p.height) < p.radius for p in passages)
-    assert all(p.speed * draws[0].options.duration > DISTANCE + 2.0 * p.radius for p in passages)
-    assert draw(robot, robot_name, "target", 1).passage is None
+    assert all(p.speed * draws[0].duration > DISTANCE + 2.0 * p.radius for p in passages)
+    assert not draw(robot, robot_name, "target", 1).objects(robot)
 
 
 def test_the_sphere_of_a_draw_is_the_one_that_runs() -> None:
     robot = load_robot("g1")
-    usual = draw(robot, "g1", "obstacle", 3)
-    short = dataclasses.replace(usual.options, duration=0.1)
+    drawn = draw(robot, "g1", "obstacle", 3)
+    assert isinstance(drawn, DrawnHands)
     spheres = {}
     for from_left in (True, False):
         passage = Passage(0.07, 0.3, 0.02, from_left)
-        series = study._result(robot, Drawn(short, passage=passage), FilterOptions()).series
+        series = run(dataclasses.replace(drawn, duration=0.1, sphere=passage)).series
         spheres[from_left] = series["obstacle"]
         hand = series["left_hand_ref" if from_left else "right_hand_ref"][0]
         side = 1.0 if from_left else -1.0
@@ -199,9 +194,9 @@ def test_lines_of_the_table_are_shares_and_least_values() -> None:
 def test_a_study_writes_its_lines(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    short = HandTrackingOptions(motion="target", duration=0.3, plant=PlantOptions(mass_scale=1.1))
-    check_hand_tracking(short)
-    monkeypatch.setattr(study, "draw", lambda *args: Drawn(short))
+    short = HandTracking(motion="target", duration=0.3, plant=PlantOptions(mass_scale=1.1))
+    prepare(short)
+    monkeypatch.setattr(study, "draw", lambda *args: short)
     options = RobustnessOptions(
         robots=("g1",), scenarios=("target",), seeds=1, jobs=1, parameters=("before", "own"), out=tmp_path / "study"
     )

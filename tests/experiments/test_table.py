@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 from rich.console import Console
 
-from experiments.metrics.metric import Figure
+from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table, runs_table, side_by_side
 from experiments.reports.table import Cell, Column, Row, Table, show
 from experiments.reports.terminal_table import TerminalTable
@@ -74,7 +74,7 @@ def test_markdown_has_title_heads_rows_and_caption() -> None:
 
 
 def test_markdown_of_rows_with_units_has_them_beside_the_words() -> None:
-    table = side_by_side(["CBF", "none"], [(Figure("h", "nearest", "mm", 1e3), (0.012, None))])
+    table = side_by_side(["CBF", "none"], [(Metric("h", "nearest", "mm", 1e3), (0.012, None))])
     assert table.markdown() == "|  | CBF | none |\n| --- | --- | --- |\n| nearest (mm) | 12 | - |"
 
 
@@ -151,7 +151,7 @@ def test_html_has_every_cell_and_marks_what_should_not_be() -> None:
 
 
 def test_html_of_rows_with_units_has_a_column_of_them() -> None:
-    table = side_by_side(["CBF"], [(Figure("h", "nearest", "mm", 1e3, "negative"), (-0.012,))])
+    table = side_by_side(["CBF"], [(Metric("h", "nearest", "mm", 1e3, "negative"), (-0.012,))])
     assert Cells(str(table.html())).cells[3:] == [("words", "nearest"), ("bad", "-12"), ("unit", "mm")]
 
 
@@ -172,7 +172,7 @@ def test_text_from_outside_stays_text_in_html() -> None:
 
 
 def test_columns_of_words_stand_to_the_left_and_missing_values_are_dashes() -> None:
-    figures = (Figure("robot", "robot"), Figure("fell", "fell"), Figure("h", "h", "mm", 1e3, "negative"))
+    figures = (Metric("robot", "robot"), Metric("fell", "fell"), Metric("h", "h", "mm", 1e3, "negative"))
     table = rows_table([{"robot": "g1", "fell": False, "h": -0.001}, {"robot": "tocabi", "fell": True}], figures)
     assert [c.words for c in table.columns] == [True, False, False]
     assert [table.cells(r) for r in table.rows] == [

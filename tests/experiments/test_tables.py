@@ -8,7 +8,9 @@ import pytest
 from rich.console import Console
 
 from experiments.recording.recording import RunResult
-from experiments.scenarios.options import HandTrackingOptions, RunOptions, TableOptions
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import TableOptions
+from experiments.scenarios.scenario import Scenario
 from experiments.studies import results_tables as tables
 from experiments.studies.safety_tables import friction_runs, safety_runs
 from robots.loader import load_robot
@@ -21,7 +23,7 @@ def rows_of(page: str) -> list[str]:
     return [line for line in (DOCS / page).read_text(encoding="utf-8").splitlines() if line.startswith("| ")]
 
 
-def options_of(groups: Mapping[str, tuple[list[RunOptions], Any]]) -> list[RunOptions]:
+def options_of(groups: Mapping[str, tuple[list[Scenario], Any]]) -> list[Scenario]:
     return [options for group, _ in groups.values() for options in group]
 
 
@@ -33,9 +35,9 @@ def test_each_page_has_the_runs_of_its_own(
     what: str, page: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Every table that the command prints stands on the page, with the same columns and as many rows."""
-    asked: list[RunOptions] = []
+    asked: list[Scenario] = []
 
-    def pretended(tasks: list[RunOptions], jobs: int, console: Console) -> Any:
+    def pretended(tasks: list[Scenario], jobs: int, console: Console) -> Any:
         asked.extend(tasks)
         return (RunResult(load_robot(o.robot), {}, {"robot": o.robot, "filter": o.safety.filter}, {}) for o in tasks)
 
@@ -57,8 +59,8 @@ def test_every_filter_is_run_on_both_robots() -> None:
 def test_runs_that_differ_have_folders_that_differ() -> None:
     """The same run may stand in two tables."""
     for groups in (safety_runs(), friction_runs(), tables.runs()):
-        folders: dict[str, RunOptions] = {}
+        folders: dict[str, Scenario] = {}
         for options in options_of(groups):
             assert folders.setdefault(tables.run_folder(options), options) == options
-    told = [o.obstacle_velocity for o in options_of(safety_runs()) if isinstance(o, HandTrackingOptions) and o.obstacle]
+    told = [o.obstacle_velocity for o in options_of(safety_runs()) if isinstance(o, HandTracking) and o.obstacle]
     assert set(told) == {"zero", "estimated", "true"}

@@ -22,13 +22,13 @@ from experiments.benchmarks.tracking import (
     track_figures,
     tracking_study,
 )
-from experiments.scenarios.obstacles import DISTANCE, RADIUS
+from experiments.scenarios.passing_sphere import DISTANCE, RADIUS
 from robots.errors import ConfigError
 from robots.messages import Array
 from safety.barriers.barrier_set import ObstacleBarrier
 from safety.geometry.shapes import Obstacle
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
-from sims.obstacles import CircularMotion, PassingSphere, PositionSensor
+from sims.obstacles import CircularMotion, PositionSensor, StraightMotion
 
 
 def waves(delay: float, count: int = 2000) -> Array:
@@ -98,7 +98,7 @@ def test_followed_series_is_of_the_motion_and_of_the_sensor() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_filtering_beats_the_last_measurement_on_steady_motion(model: str) -> None:
-    motion = PassingSphere(np.zeros(3), np.array([0.3, 0.4, 0.0]), 0.1)
+    motion = StraightMotion(np.zeros(3), np.array([0.3, 0.4, 0.0]))
     figures = track_figures(follow(motion, 60.0, TrackerSettings(position_noise=NOISE, model=model), 0, 4.0))
     assert figures["speed_rms"] == pytest.approx(0.5)
     assert figures["position_rmse_m"] < 0.8 * figures["raw_rmse_m"]

@@ -15,7 +15,8 @@ from hypothesis import strategies as st
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.recording.recording import GUARANTEED
 from experiments.running.run import plant_config
-from experiments.scenarios.options import HandTrackingOptions, PlantOptions
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import PlantOptions
 from experiments.studies import tune as tuning
 from experiments.studies import tuner as rounds_of_runs
 from experiments.studies.study_options import TuneOptions
@@ -282,7 +283,7 @@ def test_what_cannot_be_reached_is_said(tmp_path: Path, monkeypatch: pytest.Monk
 
 def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One short run whose hands come to the torso."""
-    short = HandTrackingOptions(motion="target", duration=0.8, plant=PlantOptions(mass_scale=1.2))
+    short = HandTracking(motion="target", duration=0.8, plant=PlantOptions(mass_scale=1.2))
     run = TuningRun("target", ("self_collision", "joint_limit"), short)
     monkeypatch.setattr(tuning, "possible_runs", lambda robot, options: [run])
     options = TuneOptions(alphas=(5.0,), rounds=2, jobs=1, out=tmp_path / "tuned")

@@ -16,13 +16,15 @@ from experiments.metrics.locomotion import (
     swing_heights,
     touchdowns,
     velocity_errors,
-    walk_figures,
+    walk_metrics,
 )
-from experiments.scenarios.obstacles import OVERLAP, RADIUS, Beside, SensorSettings, sphere_beside
-from experiments.scenarios.options import WalkOptions
-from experiments.scenarios.registry import EXPERIMENTS, experiment_called, experiment_of
-from experiments.scenarios.scenario import PUSH_TIME, Push
-from experiments.scenarios.walk import FIRST, LAST, check_walk, command_profile, commands_at, meeting, sway
+from experiments.running.run import commands_at, prepare
+from experiments.scenarios.passing_sphere import OVERLAP, RADIUS, Beside, sphere_beside
+from experiments.scenarios.pushes import PUSH_TIME, Push
+from experiments.scenarios.registry import RUNNABLE, scenario_called
+from experiments.scenarios.walk import FIRST, LAST, Walk
+from experiments.scenarios.walk_plan import command_profile, meeting, sway
+from experiments.scenarios.world import Sensor
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -32,22 +34,22 @@ from robots.pinocchio_model import standing_configuration
 @pytest.mark.parametrize(
     ("options", "named", "allowed"),
     [
-        (WalkOptions(vx=1.0), "vx", "0.444"),
-        (WalkOptions(vy=-0.5), "vy", "from -"),
-        (WalkOptions(wz=math.nan), "wz", "finite"),
-        (WalkOptions(duration=4.0), "duration", "above 4 s"),
-        (WalkOptions(push=("80,up,3",)), "push", "forward, left"),
-        (WalkOptions(push=("80,left,20",), duration=20.0), "push", "within the run's 20 s"),
-        (WalkOptions(obstacle="cube"), "obstacle", "none, static, moving"),
-        (WalkOptions(obstacle="static", vy=0.05), "vx, vy, wz", "straight forward"),
-        (WalkOptions(obstacle="static", vx=0.0), "vx, vy, wz", "straight forward"),
-        (WalkOptions(obstacle="moving", duration=8.0), "duration", "passed"),
-        (WalkOptions(script=Path("nowhere.txt")), "script", "can be read"),
+        (Walk(vx=1.0), "vx", "0.444"),
+        (Walk(vy=-0.5), "vy", "from -"),
+        (Walk(wz=math.nan), "wz", "finite"),
+        (Walk(duration=4.0), "duration", "above 4 s"),
+        (Walk(push=("80,up,3",)), "push", "forward, left"),
+        (Walk(push=("80,left,20",), duration=20.0), "push", "within the run's 20 s"),
+        (Walk(obstacle="cube"), "obstacle", "none, static, moving"),
+        (Walk(obstacle="static", vy=0.05), "vx, vy, wz", "straight forward"),
+        (Walk(obstacle="static", vx=0.0), "vx, vy, wz", "straight forward"),
+        (Walk(obstacle="moving", duration=8.0), "duration", "passed"),
+        (Walk(script=Path("nowhere.txt")), "script", "can be read"),
     ],
 )
-def test_refusals_name_the_option_and_what_is_allowed(options: WalkOptions, named: str, allowed: str) -> None:
+def test_refusals_name_the_option_and_what_is_allowed(options: Walk, named: str, allowed: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        check_walk(options)
+        prepare(options)
     assert named in caught.value.name
     assert allowed in str(caught.value)
 
@@ -55,13 +57,13 @@ def test_refusals_name_the_option_and_what_is_allowed(options: WalkOptions, name
 def test_a_script_and_an_obstacle_do_not_go_together(tmp_path: Path) -> None:
     path = tmp_path / "walk.txt"
     path.write_text("1 0.2 0 0\n")
-    check_walk(WalkOptions(script=path))
+    prepare(Walk(script=path))
     with pytest.raises(ConfigError, match="--script"):
-        check_walk(WalkOptions(script=path, obstacle="static"))
+        prepare(Walk(script=path, obstacle="static"))
 
 
 def test_a_run_begins_and_ends_standing() -> None:
-    options = WalkOptions(vx=0.1, wz=0.2, duration=9.0)
+    options = Walk(vx=0.1, wz=0.2, duration=9.0)
     command = command_profile(options, load_robot("g1"))
     times = np.arange(0.0, 9.0, 0.002)
     moving = commands_at(command, times).any(axis=1)
@@ -70,32 +72,31 @@ def test_a_run_begins_and_ends_standing() -> None:
 
 
 def test_no_velocity_at_all_is_stepping_on_the_spot() -> None:
-    command = command_profile(WalkOptions(vx=0.0), load_robot("g1"))
+    command = command_profile(Walk(vx=0.0), load_robot("g1"))
     assert command(4.0) == VelocityCommand(stepping=True)
     assert not command(0.0).walks and not command(17.5).walks
 
 
-def test_every_experiment_is_found_by_its_options_and_its_name() -> None:
-    for experiment in EXPERIMENTS:
-        assert experiment_of(experiment.options()) is experiment
-        assert experiment_called(experiment.name) is experiment
+def test_every_scenario_is_found_by_its_name() -> None:
+    for scenario in RUNNABLE:
+        assert scenario_called(scenario.name) is scenario
     with pytest.raises(UnknownNameError, match="walk"):
-        experiment_called("fly")
+        scenario_called("fly")
 
 
 @pytest.mark.parametrize("name", ["g1", "tocabi"])
 @pytest.mark.parametrize("kind", ["static", "moving"])
 def test_the_sphere_reaches_into_where_the_hand_goes(name: str, kind: str) -> None:
     robot = load_robot(name)
-    place = meeting(WalkOptions(robot=name, obstacle=kind), robot)
-    encounter = sphere_beside(place, SensorSettings(), robot, None, np.random.default_rng(0))  # type: ignore[arg-type]
+    place = meeting(Walk(robot=name, obstacle=kind), robot)
+    motion = sphere_beside(robot, place, Sensor()).motion.motion()
     body = robot.frame(robot.roles["left_hand"]).body
     kin = Kinematics(robot)
     q = standing_configuration(robot)
     q[:2] += (place.ahead, place.sideways)
     kin.update_geometry(q)
     rotation, position = kin.frame_placement(kin.frame_id(body))
-    sphere = encounter.sphere.position(place.time)
+    sphere = motion.position(place.time)
     depths = []
     for shape in (c for c in robot.collisions if c.body == body):
         along = np.linspace(0.0, 1.0, 2001)[:, None]
@@ -104,8 +105,8 @@ def test_the_sphere_reaches_into_where_the_hand_goes(name: str, kind: str) -> No
     # the hand is no ball: its other parts may reach a little further in
     assert OVERLAP - 1e-9 <= max(depths) < OVERLAP + 0.002
     speed = {"static": 0.0, "moving": 0.25}[kind]
-    np.testing.assert_allclose(encounter.sphere.velocity(0.0), [-speed, 0.0, 0.0])
-    travelled = encounter.sphere.position(place.time) - encounter.sphere.position(0.0)
+    np.testing.assert_allclose(motion.velocity(0.0), [-speed, 0.0, 0.0])
+    travelled = motion.position(place.time) - motion.position(0.0)
     np.testing.assert_allclose(travelled, [-speed * place.time, 0.0, 0.0], atol=1e-12)
 
 
@@ -210,7 +211,7 @@ def walked() -> dict[str, NDArray[np.float64]]:
 
 
 def test_steps_are_counted_and_measured() -> None:
-    figures = walk_figures(walked())
+    figures = walk_metrics(walked())
     assert figures["steps"] == 6
     assert figures["distance_m"] == pytest.approx(0.3)
     assert figures["step_height_min_m"] == pytest.approx(0.04)
@@ -220,7 +221,7 @@ def test_steps_are_counted_and_measured() -> None:
 def test_a_robot_that_never_steps_has_no_steps() -> None:
     series = walked()
     series["in_contact"] = np.ones_like(series["in_contact"])
-    figures = walk_figures(series, np.zeros((2001, 3)))
+    figures = walk_metrics(series, np.zeros((2001, 3)))
     assert figures["steps"] == 0
     assert figures["distance_m"] == 0.0
     assert figures["step_height_min_m"] is None
@@ -231,5 +232,5 @@ def test_a_robot_that_never_steps_has_no_steps() -> None:
 def test_a_foot_that_is_still_up_at_the_end_is_no_step() -> None:
     series = walked()
     cut = {name: values[:1750] for name, values in series.items()}
-    assert walk_figures(cut)["steps"] == 5
+    assert walk_metrics(cut)["steps"] == 5
     assert len(swing_heights(cut)) == 5

@@ -7,14 +7,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from controllers.reference import reference_here
-from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
-from experiments.running.run import STANDARD_NOISE, control_config, plant_config
-from experiments.scenarios.hand_tracking import obstacle_settings, run_hand_tracking
-from experiments.scenarios.obstacles import VELOCITIES, Encounter, SensorSettings, passing_sphere
-from experiments.scenarios.options import FilterOptions, HandTrackingOptions, PlantOptions, RunOptions, StandOptions
-from experiments.scenarios.stand import run_stand
+from experiments.running.run import prepare, run
+from experiments.running.world import World
+from experiments.scenarios.hand_tracking import HandTracking
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.passing_sphere import Passage, passing_sphere
+from experiments.scenarios.resolve import STANDARD_NOISE, control_config, plant_config
+from experiments.scenarios.scenario import Scenario
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.world import VELOCITIES, Sensor
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
@@ -34,33 +36,31 @@ from sims.plant import MujocoPlant, PlantConfig, SensorNoise
 @pytest.mark.parametrize("name", ["alpha", "epsilon"])
 def test_alpha_and_epsilon_are_those_of_self_collision(robot: RobotDescription, name: str) -> None:
     """Each sets its own, and nothing else of the robot's tuning."""
-    plain = control_config(robot, RunOptions())
+    plain = control_config(robot, Stand())
     assert plain == controller_config(robot)
-    config = control_config(robot, RunOptions(safety=FilterOptions(**{name: 17.5})))
+    config = control_config(robot, Stand(safety=FilterOptions(**{name: 17.5})))
     pairs = plain.safety.self_collision
     assert getattr(pairs, name) != 17.5
     assert config == replace(plain, safety=replace(plain.safety, self_collision=replace(pairs, **{name: 17.5})))
 
 
 def test_both_at_once_and_the_filter_s_name(robot: RobotDescription) -> None:
-    config = control_config(robot, RunOptions(safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75)))
+    config = control_config(robot, Stand(safety=FilterOptions("issf", alpha=3.25, epsilon=0.75)))
     assert (config.safety.self_collision.alpha, config.safety.self_collision.epsilon) == (3.25, 0.75)
-    assert config.filter == "cbf"
+    assert config.filter == "issf"
 
 
 def test_what_is_done_with_small_singular_values(robot: RobotDescription) -> None:
-    plain = control_config(robot, RunOptions())
+    plain = control_config(robot, Stand())
     assert plain.tasks.singular == "damped"
-    assert control_config(robot, RunOptions(singular="cut")) == replace(
-        plain, tasks=replace(plain.tasks, singular="cut")
-    )
+    assert control_config(robot, Stand(singular="cut")) == replace(plain, tasks=replace(plain.tasks, singular="cut"))
     with pytest.raises(ConfigError, match="singular"):
-        control_config(robot, RunOptions(singular="ignored"))
+        control_config(robot, Stand(singular="ignored"))
 
 
 @pytest.mark.parametrize("rate", [200.0, 250.0, 1000.0])
 def test_the_control_rate_sets_the_period(robot: RobotDescription, rate: float) -> None:
-    assert control_config(robot, RunOptions(control_rate=rate)).dt == pytest.approx(1 / rate, rel=1e-12)
+    assert control_config(robot, Stand(control_rate=rate)).dt == pytest.approx(1 / rate, rel=1e-12)
 
 
 # --- plant
@@ -185,86 +185,95 @@ SENSED = np.arange(0.0, 0.4, 0.002)
 """Ticks over which the obstacle is seen [s]."""
 
 
-def encountered(**seen: Any) -> tuple[Encounter, Obstacle, ObstacleTrack]:
-    """An encounter with these settings, what is believed at the last tick, and a track of the same measurements."""
-    kin = Kinematics(load_robot("g1"))
-    kin.update(standing_configuration(kin.robot, "hands_front"), np.zeros(kin.nv))
-    settings = SensorSettings(**seen)
-    encounter = passing_sphere(settings, kin.robot, reference_here(kin, with_hands=True), np.random.default_rng(3))
-    sensor = PositionSensor(settings.rate, settings.noise, np.random.default_rng(3))
-    track = ObstacleTrack(TrackerSettings(position_noise=settings.noise))
+def encountered(**seen: Any) -> tuple[World, Obstacle, ObstacleTrack]:
+    """A world with the passing sphere, what is believed of it at the last tick, a track of the same measurements."""
+    sensor = Sensor(**seen)
+    sphere = passing_sphere(load_robot("g1"), Passage(), sensor)
+    world = World([sphere], seed=3)
+    belief, twin = world.belief(), PositionSensor(sensor.rate, sensor.noise, np.random.default_rng([3, 1]))
+    track = ObstacleTrack(TrackerSettings(position_noise=sensor.noise))
     for t in SENSED:
-        assert encounter.sense(t) is None
-        track.measure(sensor.measure(encounter.sphere.position(t), t), t)
-    (believed,) = encounter.believed(SENSED[-1])
-    return encounter, believed, track
+        assert belief.sense(t) is None
+        track.measure(twin.measure(sphere.motion.motion().position(t), t), t)
+    (believed,) = belief.obstacles(SENSED[-1])
+    return world, believed, track
 
 
 @pytest.mark.parametrize("kappa", [0.0, 2.5])
 @pytest.mark.parametrize("velocity", VELOCITIES)
 def test_what_is_believed_of_the_obstacle_follows_the_options(velocity: str, kappa: float) -> None:
     """Its place is always that of the track; its radius grows by kappa sigma, its velocity is what was asked for."""
-    encounter, believed, track = encountered(velocity=velocity, kappa=kappa, rate=40.0, noise=0.008)
+    world, believed, track = encountered(velocity=velocity, kappa=kappa, rate=40.0, noise=0.008)
     t = float(SENSED[-1])
     position, estimated = track.estimate(t)
+    (real,) = world.true(t)
     np.testing.assert_allclose(believed.position, position, rtol=0, atol=1e-12)
-    assert believed.radius == pytest.approx(encounter.sphere.radius + kappa * track.position_sigma(t), rel=1e-12)
-    true = encounter.sphere.velocity(t)
-    expected = {"zero": np.zeros(3), "true": true, "estimated": estimated}[velocity]
+    assert believed.radius == pytest.approx(real.radius + kappa * track.position_sigma(t), rel=1e-12)
+    expected = {"zero": np.zeros(3), "true": real.velocity, "estimated": estimated}[velocity]
     np.testing.assert_allclose(believed.velocity, expected, rtol=0, atol=1e-12)
-    assert np.linalg.norm(estimated - true) > 1e-3
-    (real,) = encounter.true(t)
-    np.testing.assert_array_equal(real.position, encounter.sphere.position(t))
-    np.testing.assert_array_equal(real.velocity, true)
-    assert real.radius == encounter.sphere.radius
+    assert np.linalg.norm(estimated - real.velocity) > 1e-3
 
 
-def test_every_option_of_the_obstacle_reaches_its_settings() -> None:
+def test_every_option_of_the_obstacle_reaches_its_sensor() -> None:
     given = {"rate": 45.0, "noise": 0.007, "lost_at": 1.5, "velocity": "true", "kappa": 2.0}
-    options = HandTrackingOptions(obstacle=True, **{f"obstacle_{name}": value for name, value in given.items()})  # type: ignore[arg-type]
-    assert obstacle_settings(options) == SensorSettings(**given)  # type: ignore[arg-type]
-    assert obstacle_settings(replace(options, obstacle=False)) is None
-    assert obstacle_settings(HandTrackingOptions(obstacle=True)) == SensorSettings()
+    robot = load_robot("g1")
+    scenario = HandTracking(obstacle=True, **{f"obstacle_{name}": value for name, value in given.items()})  # type: ignore[arg-type]
+    assert [o.sensor for o in scenario.objects(robot)] == [Sensor(**given)]  # type: ignore[arg-type]
+    assert [o.sensor for o in HandTracking(obstacle=True).objects(robot)] == [Sensor()]
+    assert HandTracking().objects(robot) == ()
 
 
 # --- runs
 
 
-def test_a_run_uses_its_options(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_run_uses_its_options() -> None:
     """Plant, controller and random numbers of a run are made from its options, not from defaults."""
-    made: dict[str, list[Any]] = {"plants": [], "controllers": [], "states": []}
-    make_plant, make_controller = MujocoPlant.__init__, WholeBodyController.__init__
-
-    def plant(self: MujocoPlant, robot: Any, config: PlantConfig, rng: np.random.Generator) -> None:
-        made["states"].append(rng.bit_generator.state)
-        make_plant(self, robot, config, rng)
-        made["plants"].append(self)
-
-    def controller(self: WholeBodyController, *args: Any, **kwargs: Any) -> None:
-        make_controller(self, *args, **kwargs)
-        made["controllers"].append(self)
-
-    monkeypatch.setattr(MujocoPlant, "__init__", plant)
-    monkeypatch.setattr(WholeBodyController, "__init__", controller)
-    options = StandOptions(
+    scenario = Stand(
         duration=0.1,
         control_rate=250.0,
         seed=11,
         plant=PlantOptions(mass_scale=1.05, friction=0.7, noise_scale=0.5, physics_dt=0.002),
-        safety=FilterOptions("cbf", alpha=3.25, epsilon=0.75),
+        safety=FilterOptions("issf", alpha=3.25, epsilon=0.75),
     )
-    result = run_stand(options)
-    assert [p.config for p in made["plants"]] == [plant_config(options.plant)]
-    assert made["states"] == [np.random.default_rng(11).bit_generator.state]
-    expected = control_config(load_robot("g1"), options)
-    assert made["controllers"]
-    for c in made["controllers"]:
-        assert c.config == expected
-        assert c.filter.name == "cbf"
-        assert c.filter.parameters.self_collision.alpha == 3.25
-        assert c.filter.parameters.self_collision.epsilon == 0.75
+    result = run(scenario)
+    given = prepare(scenario)
+    assert given.plant == plant_config(scenario.plant)
+    assert given.control == control_config(load_robot("g1"), scenario)
+    assert result.config["plant"]["changes"]["mass_scale"] == 1.05
+    assert result.config["controller"]["safety"]["self_collision"]["alpha"] == 3.25
     np.testing.assert_allclose(np.diff(result.series["time"]), 0.004, rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.diff(result.series["step_time"]), 0.002, rtol=0, atol=1e-12)
+    # the noise is the seed's: nothing else of the two runs differs
+    other = run(replace(scenario, seed=12)).series["v_des"]
+    assert np.abs(other - result.series["v_des"]).max() > 0.0
+    np.testing.assert_array_equal(run(scenario).series["v_des"], result.series["v_des"])
+
+
+@pytest.mark.parametrize(
+    ("scenario", "name"),
+    [
+        (Stand(safety=FilterOptions("ssa", alpha=3.0)), "alpha"),
+        (Stand(safety=FilterOptions("none", alpha=3.0)), "alpha"),
+        (Stand(safety=FilterOptions("ssa", epsilon=3.0)), "epsilon"),
+        (Stand(safety=FilterOptions("cbf", epsilon=3.0)), "epsilon"),
+        (Stand(safety=FilterOptions("issf", layer=0.01)), "layer"),
+        (HandTracking(obstacle_noise=0.01), "obstacle_noise"),
+        (HandTracking(obstacle_lost_at=1.0), "obstacle_lost_at"),
+        (HandTracking(target=(0.1, 0.0, 0.0)), "target"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else "",
+)
+def test_an_option_without_effect_is_refused(scenario: Scenario, name: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{name} = .*left out with"):
+        prepare(scenario)
+
+
+def test_what_a_seed_is_for_is_told(robot: RobotDescription) -> None:
+    assert not Stand().is_random(robot)
+    assert not HandTracking(obstacle=True, obstacle_noise=0.0).is_random(robot)
+    assert Stand(plant=PlantOptions(noise_scale=0.1)).is_random(robot)
+    assert HandTracking(obstacle=True).is_random(robot)
+    assert run(Stand(duration=0.1, seed=5)).summary["seed"] is None
 
 
 def test_recorded_barriers_are_those_of_the_true_state(robot_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -277,8 +286,8 @@ def test_recorded_barriers_are_those_of_the_true_state(robot_name: str, monkeypa
         send(self, command)
 
     monkeypatch.setattr(MujocoPlant, "send", spy)
-    options = HandTrackingOptions(robot=robot_name, duration=0.3, plant=PlantOptions(noise_scale=3.0))
-    series = run_hand_tracking(options).series
+    options = HandTracking(robot=robot_name, duration=0.3, plant=PlantOptions(noise_scale=3.0))
+    series = run(options).series
     qpos = np.array(simulated)
     assert len(qpos) == len(series["time"]) == 150
     # MuJoCo's quaternion is w, x, y, z

@@ -11,8 +11,8 @@ import pytest
 
 from controllers.motions.hands import CircleSettings, circle_settings
 from controllers.whole_body.robot_config import TABLES as TUNING_TABLES
-from experiments.scenarios.hand_tracking import check_hand_tracking, run_hand_tracking
-from experiments.scenarios.options import HandTrackingOptions
+from experiments.running.run import prepare, run
+from experiments.scenarios.hand_tracking import HandTracking
 from robots.description import ROLES, Joint
 from robots.errors import DescriptionError
 from robots.kinematics import Kinematics
@@ -68,8 +68,8 @@ def test_example_stands_with_both_soles_on_the_ground_in_both_models(example: Pa
 
 def test_example_runs_hand_tracking_with_every_motion(example: Path) -> None:
     for motion in ("circles", "hold", "beyond-reach"):
-        check_hand_tracking(HandTrackingOptions(robot=str(example), motion=motion))
-    result = run_hand_tracking(HandTrackingOptions(robot=str(example), duration=0.3))
+        prepare(HandTracking(robot=str(example), motion=motion))
+    result = run(HandTracking(robot=str(example), duration=0.3))
     assert result.summary["stop_cause"] is None
     assert result.summary["fell"] is False
     assert result.summary["hand_rmse_m"] > 0
@@ -80,7 +80,7 @@ def test_without_hand_tracking_settings_the_error_is_the_one_shown(example: Path
     example.write_text(text[: text.index("[posture.hands_front]")], encoding="utf-8")
     assert set(load_robot(example).postures) == {"standing"}
     with pytest.raises(DescriptionError) as caught:
-        check_hand_tracking(HandTrackingOptions(robot=str(example)))
+        prepare(HandTracking(robot=str(example)))
     assert str(caught.value) in PAGE
 
 

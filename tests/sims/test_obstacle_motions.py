@@ -13,9 +13,10 @@ from sims.obstacles import (
     BrownianMotion,
     CircularMotion,
     ObstacleMotion,
-    PassingSphere,
     PositionSensor,
     StopAndGo,
+    StraightMotion,
+    WaypointMotion,
 )
 
 LOW, HIGH = np.array([-0.3, -0.1, 0.8]), np.array([0.2, 0.4, 1.4])
@@ -27,7 +28,8 @@ def brownian(seed: int = 0, speed: float = 0.3, low: Array = LOW, high: Array = 
 
 
 MOTIONS: dict[str, ObstacleMotion] = {
-    "passing": PassingSphere(PLACE, PEAK, 0.1),
+    "passing": StraightMotion(PLACE, PEAK),
+    "waypoints": WaypointMotion(np.array([0.2, 1.0, 2.5]), np.array([PLACE, PLACE + PEAK, PLACE])),
     "circular": CircularMotion(PLACE, radius=0.3, speed=0.6, normal=np.array([1.0, -2.0, 0.5])),
     "stop and go": StopAndGo(PLACE, PEAK, going=0.8, resting=0.3),
     "Brownian": brownian(low=np.full(3, -1e3), high=np.full(3, 1e3)),
@@ -146,8 +148,9 @@ def test_brownian_motion_has_no_past_and_no_end(t: float) -> None:
 
 
 BAD: dict[str, tuple[str, Callable[[], object]]] = {
-    "radius of a sphere": ("sphere radius", lambda: PassingSphere(PLACE, PEAK, 0.0)),
-    "place of a sphere": ("passing sphere start", lambda: PassingSphere(np.zeros(2), PEAK, 0.1)),
+    "order of waypoints": ("waypoint times", lambda: WaypointMotion(np.array([1.0, 0.5]), np.array([PLACE, PEAK]))),
+    "number of waypoints": ("waypoints", lambda: WaypointMotion(np.zeros(0), np.zeros((0, 3)))),
+    "place of a sphere": ("straight motion start", lambda: StraightMotion(np.zeros(2), PEAK)),
     "radius of a circle": ("circular motion radius", lambda: CircularMotion(PLACE, -1.0, 0.1)),
     "speed of a circle": ("circular motion speed", lambda: CircularMotion(PLACE, 1.0, np.nan)),
     "normal of a circle": ("circular motion normal", lambda: CircularMotion(PLACE, 1.0, 1.0, np.zeros(3))),

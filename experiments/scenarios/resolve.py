@@ -1,0 +1,104 @@
+"""From the options of a scenario to the configuration of controller and plant."""
+
+import dataclasses
+from typing import Any
+
+from controllers.whole_body.config import ControllerConfig
+from controllers.whole_body.robot_config import controller_config
+from controllers.whole_body.tuning_file import read_tuning
+from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.scenario import Scenario, Setup
+from robots.checks import require_between
+from robots.description import RobotDescription
+from robots.errors import ConfigError
+from robots.mujoco_spec import PhysicalChanges
+from safety.barriers.rows import FAMILIES
+from sims.plant import PlantConfig, SensorNoise
+
+STANDARD_NOISE = SensorNoise(
+    joint_position=1e-4,
+    joint_velocity=0.01,
+    base_position=2e-4,
+    base_orientation=3e-4,
+    base_linear_velocity=0.005,
+    base_angular_velocity=0.005,
+)
+"""Sensor noise of ``--noise-scale 1``: what is left, tick to tick, behind encoders and a state estimator."""
+
+LAYERED = ("ssa", "rssa", "pssa", "sss")
+"""Filters whose conditions switch on at a margin, and may do so over a layer."""
+
+READERS = {"alpha": ("cbf", "issf", "ecbf"), "epsilon": ("issf",), "layer": LAYERED}
+"""Filters whose condition reads each parameter; it has no effect on the others."""
+
+
+def plant_config(options: PlantOptions) -> PlantConfig:
+    """The plant's configuration of command-line options.
+
+    Raises:
+        ConfigError: a value is not allowed.
+    """
+    changes = PhysicalChanges(
+        mass_scale=options.mass_scale,
+        link_mass_scale=dict(options.link_mass),
+        com_shift=options.com_shift,
+        sole_friction=options.friction,
+        joint_friction_scale=options.joint_friction_scale,
+        armature_scale=options.armature_scale,
+    )
+    require_between("noise_scale", options.noise_scale, 0.0, 100.0)
+    require_between("physics_dt", options.physics_dt, 1e-4, 0.005)
+    scaled = {f.name: options.noise_scale * getattr(STANDARD_NOISE, f.name) for f in dataclasses.fields(SensorNoise)}
+    return PlantConfig(options.physics_dt, changes, options.actuator_delay, SensorNoise(**scaled))
+
+
+def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str, Any]:
+    """Changes to a robot's controller configuration that the filter's options ask for.
+
+    Raises:
+        ConfigError: alpha or epsilon is not positive and finite, the layer not 0 or above, one of them has no effect on
+            the filter, or the file of parameters is not as it should be.
+    """
+    base = controller_config(robot, filter=options.filter)
+    _refuse_without_effect(options)
+    safety = base.safety
+    if options.tuning is not None:
+        safety = read_tuning(options.tuning, robot.name).applied(safety)
+    if options.layer is not None:
+        families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
+        safety = dataclasses.replace(safety, **families)
+    given = {name: value for name in ("alpha", "epsilon") if (value := getattr(options, name)) is not None}
+    pairs = dataclasses.replace(safety.self_collision, **given)
+    return {
+        "filter": options.filter,
+        "adaptive": options.adaptive or base.adaptive,
+        "safety": dataclasses.replace(safety, self_collision=pairs),
+    }
+
+
+def _refuse_without_effect(options: FilterOptions) -> None:
+    for name, readers in READERS.items():
+        value = getattr(options, name)
+        if value is not None and options.filter not in readers:
+            raise ConfigError(
+                name, value, f"left out with --filter {options.filter}: only {', '.join(readers)} read it"
+            )
+
+
+def control_config(robot: RobotDescription, scenario: Scenario, setup: Setup | None = None) -> ControllerConfig:
+    """The controller's configuration of a run, with what its set-up changes.
+
+    Raises:
+        ConfigError: a value is not allowed, or the control period is no whole number of physics steps.
+    """
+    require_between("control_rate", scenario.control_rate, 50.0, 10000.0)
+    dt = 1.0 / scenario.control_rate
+    steps = dt / scenario.plant.physics_dt
+    if steps < 0.999 or abs(steps - round(steps)) > 1e-6:
+        allowed = f"such that its period is a whole number of physics steps of {scenario.plant.physics_dt:g} s"
+        raise ConfigError("control_rate", scenario.control_rate, allowed)
+    own = {} if setup is None else dict(setup.changes)
+    config = controller_config(robot, dt=dt, **(filter_changes(robot, scenario.safety) | own))
+    if scenario.singular is None:
+        return config
+    return dataclasses.replace(config, tasks=dataclasses.replace(config.tasks, singular=scenario.singular))

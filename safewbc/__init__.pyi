@@ -1,22 +1,28 @@
 # The list of the front door. Type checkers and editors read it as it stands, ``__init__.py`` makes its names from it.
-from controllers.agent import Agent as Agent, AgentOutput as AgentOutput
+from controllers.agent import Agent as Agent
 from controllers.gaits.commands import VelocityCommand as VelocityCommand
 from controllers.gaits.walking.commanded import CommandedWalk as CommandedWalk
 from controllers.gaits.walking.config import walk_tuning as walk_tuning, walking_changes as walking_changes
 from controllers.gaits.walking.walking import Walking as Walking
 from controllers.motions.hand_targets import HandTargets as HandTargets
 from controllers.motions.hands import HandCircles as HandCircles
-from controllers.obstacle_tracker import ObstacleTracker as ObstacleTracker, TrackingSettings as TrackingSettings
+from controllers.obstacle_tracker import TrackingSettings as TrackingSettings
 from controllers.perception import Detection as Detection
 from controllers.policies.nominal import NominalPolicy as NominalPolicy
-from controllers.reference import WholeBodyReference as WholeBodyReference, reference_here as reference_here
+from controllers.reference import WholeBodyReference as WholeBodyReference
 from controllers.supervisor import Supervisor as Supervisor
 from controllers.whole_body.config import ControllerConfig as ControllerConfig
 from controllers.whole_body.controller import WholeBodyController as WholeBodyController
 from controllers.whole_body.robot_config import controller_config as controller_config
 from controllers.whole_body.task_stack import PlacedTask as PlacedTask
-from experiments.recording.recording import RunResult as RunResult, load_result as load_result
+from experiments.recording.recording import (
+    RunResult as RunResult,
+    load_result as load_result,
+    save_result as save_result,
+)
 from experiments.running.loop import ClosedLoop as ClosedLoop, Observer as Observer
+from experiments.running.run import run as run
+from experiments.scenarios.scenario import Scenario as Scenario, Setup as Setup
 from robots.description import RobotDescription as RobotDescription
 from robots.errors import ConfigError as ConfigError, SafeWbcError as SafeWbcError
 from robots.kinematics import Kinematics as Kinematics
@@ -32,7 +38,7 @@ from safety.barriers.barrier import Barrier as Barrier
 from safety.barriers.barrier_set import standard_barriers as standard_barriers
 from safety.barriers.obstacles import ObstacleBarrier as ObstacleBarrier
 from safety.filters.conditions import BarrierParameters as BarrierParameters, FamilyParameters as FamilyParameters
-from safety.filters.results import FilterResult as FilterResult, FilterStatus as FilterStatus, explain as explain
+from safety.filters.results import FilterStatus as FilterStatus, explain as explain
 from safety.filters.safety_filter import SafetyFilter as SafetyFilter
 from safety.geometry.shapes import Obstacle as Obstacle
 from safety.tracking import ObstacleTrack as ObstacleTrack, TrackerSettings as TrackerSettings

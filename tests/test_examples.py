@@ -24,8 +24,10 @@ PROMISES: dict[str, tuple[dict[str, Any], Callable[[Any], bool]]] = {
     "own_body": ({"duration": 0.5}, lambda error: error < 10.0),
     "own_filter": ({"duration": 3.0}, lambda smallest: smallest > -1.0),
     "own_robot": ({"duration": 0.5}, lambda height: abs(height - 0.9) < 0.01),
+    "own_scenario": ({"duration": 1.5}, lambda sags: sags[0] < sags[1] < sags[2]),
     "own_task": ({"duration": 2.0}, lambda error: error < 15.0),
     "pushes": ({"duration": 1.8, "forces": (50.0, 600.0)}, lambda found: found[0][0] > 0.95 and found[1][0] < 0.6),
+    "read_recording": ({"duration": 1.0}, lambda rms: 0.0 < rms < 30.0),
     "stand": ({"duration": 1.0}, lambda error: error < 10.0),
     "walk_by_commands": ({"duration": 3.0}, lambda found: found[0] > 0.2 and found[1] >= 3),
 }

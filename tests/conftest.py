@@ -6,6 +6,7 @@ import pytest
 from hypothesis import settings
 
 from robots.description import RobotDescription
+from robots.kinematics import Kinematics
 from robots.loader import BUILT_IN, load_robot
 from sims.rendering import rendering_problem
 
@@ -33,3 +34,9 @@ def robot_name(request: pytest.FixtureRequest) -> str:
 def robot(robot_name: str) -> RobotDescription:
     """Each robot in turn; immutable, so one is enough for the session."""
     return load_robot(robot_name)
+
+
+@pytest.fixture(scope="module")
+def kin(robot: RobotDescription) -> Kinematics:
+    """Kinematics of each robot in turn, at no state yet: whoever needs one updates it."""
+    return Kinematics(robot)

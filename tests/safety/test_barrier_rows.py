@@ -6,7 +6,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -29,11 +28,6 @@ STEP = 1e-6
 OBSTACLE_KINDS = ("capsule", "sphere", "box", "capsule", "half_space")
 OBSTACLES = len(OBSTACLE_KINDS)
 SEEDS = range(4)
-
-
-@pytest.fixture(scope="module")
-def kin(robot: RobotDescription) -> Kinematics:
-    return Kinematics(robot)
 
 
 @pytest.fixture(scope="module")

@@ -38,11 +38,6 @@ PARTS = ("v_des", "h", "jac", "drift")
 
 
 @pytest.fixture(scope="module")
-def kin(robot: RobotDescription) -> Kinematics:
-    return Kinematics(robot)
-
-
-@pytest.fixture(scope="module")
 def barriers(kin: Kinematics) -> BarrierSet:
     return standard_barriers(kin)
 

@@ -30,11 +30,6 @@ NAMES = ("cbf", "issf")
 
 
 @pytest.fixture(scope="module")
-def kin(robot: RobotDescription) -> Kinematics:
-    return Kinematics(robot)
-
-
-@pytest.fixture(scope="module")
 def barriers(kin: Kinematics) -> BarrierSet:
     return standard_barriers(kin, ("sphere",))
 

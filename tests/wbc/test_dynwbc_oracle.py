@@ -8,7 +8,6 @@ import pytest
 from scipy.optimize import nnls
 
 from robots.kinematics import Kinematics
-from robots.loader import load_robot
 from robots.messages import Array, Mask
 from robots.pinocchio_model import standing_configuration
 from wbc.contact import SoleContact, wrench_cone
@@ -16,7 +15,6 @@ from wbc.dynwbc import DynWbc, DynWbcResult, DynWbcWeights, contact_bias_acceler
 from wbc.qp import kkt_residual, make_solver
 from wbc.torque_qp import DynWbcProblem
 
-KINEMATICS = {name: Kinematics(load_robot(name)) for name in ("g1", "tocabi")}
 SUPPORTS = {"both": (True, True), "left": (True, False), "right": (False, True), "none": (False, False)}
 WEIGHTS = {
     "default": DynWbcWeights(),
@@ -212,11 +210,6 @@ def assert_constraints_hold(case: Case, result: DynWbcResult) -> None:
             assert (wrench_cone(contact) @ part).max() < 1e-7
         else:
             assert not part.any()
-
-
-@pytest.fixture
-def kin(robot_name: str) -> Kinematics:
-    return KINEMATICS[robot_name]
 
 
 @pytest.mark.parametrize("support", SUPPORTS)

@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
-from robots.loader import load_robot
 from robots.messages import Array
 from tests.support.states import random_state
 from wbc.contact import SoleContact
@@ -30,12 +29,6 @@ from wbc.tasks import (
 STEP = 1e-6
 GAINS = TaskGains(k=8.0, max_correction=1e6, acceleration_gain=40.8)
 ROLES = ("base", "torso", "left_sole", "right_sole", "left_hand", "right_hand", "imu")
-KINEMATICS = {name: Kinematics(load_robot(name)) for name in ("g1", "tocabi")}
-
-
-@pytest.fixture
-def kin(robot_name: str) -> Kinematics:
-    return KINEMATICS[robot_name]
 
 
 def random_rotation(rng: np.random.Generator) -> Array:

@@ -48,8 +48,8 @@ def clip_to_support(
         yaws: their directions [rad].
         half_sizes: half length and half width of each [m].
         in_contact: shape (2,) which of them stand; with none the point is returned as it is.
-        load_limits: shape (2,) largest share of the weight on each, 1 together at least; between two feet the ZMP's
-            place on the line decides the shares.
+        load_limits: shape (2,) largest fraction of the weight on each, 1 together at least; between two feet the
+            ZMP's place on the line decides the fractions.
 
     Returns:
         New array (2,) [m].
@@ -63,13 +63,16 @@ def clip_to_support(
     if len(standing) == 2:
         dx, dy = centres[1][0] - cx, centres[1][1] - cy
         squared = dx * dx + dy * dy
+        # the ZMP's place on the line is the second foot's fraction of the weight: at least what the first may not carry
         least, most = (0.0, 1.0) if load_limits is None else (1.0 - float(load_limits[0]), float(load_limits[1]))
-        share = 0.5 if squared < 1e-12 else ((x - cx) * dx + (y - cy) * dy) / squared
-        share = min(max(share, 0.0, least), 1.0, most)
-        cx, cy = cx + share * dx, cy + share * dy
-        yaw += share * math.remainder(yaws[1] - yaw, math.tau)
+        # feet on one spot have no line between them
+        fraction = 0.5 if squared < 1e-12 else ((x - cx) * dx + (y - cy) * dy) / squared
+        fraction = min(max(fraction, 0.0, least), 1.0, most)
+        cx, cy = cx + fraction * dx, cy + fraction * dy
+        yaw += fraction * math.remainder(yaws[1] - yaw, math.tau)
+        # of two sizes the smaller, which fits into either sole
         length, width = min(length, half_sizes[1][0]), min(width, half_sizes[1][1])
     c, s = math.cos(yaw), math.sin(yaw)
-    forward, left = c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)
-    forward, left = min(max(forward, -length), length), min(max(left, -width), width)
-    return np.array([cx + c * forward - s * left, cy + s * forward + c * left])
+    forward, sideways = c * (x - cx) + s * (y - cy), c * (y - cy) - s * (x - cx)
+    forward, sideways = min(max(forward, -length), length), min(max(sideways, -width), width)
+    return np.array([cx + c * forward - s * sideways, cy + s * forward + c * sideways])

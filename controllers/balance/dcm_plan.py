@@ -13,7 +13,7 @@ from robots.messages import Array
 
 @dataclass(frozen=True, slots=True)
 class ZmpPhase:
-    """A stretch of time in which the ZMP goes in a straight line at constant speed.
+    """A time in which the ZMP moves in a straight line at constant speed.
 
     Attributes:
         start: shape (2,) where it starts [m].
@@ -74,6 +74,7 @@ class DcmPlan:
         self.omega = omega
         x, y = self._rest = (float(phases[-1].end[0]), float(phases[-1].end[1]))
         pieces = []
+        # backwards: where a phase has to end is known from those after it
         # plain floats: a plan is made and asked in every tick, and numpy's calls would cost more than the sums
         for phase in reversed(phases):
             require_positive("duration of a phase", phase.duration)
@@ -127,9 +128,9 @@ def waypoint(
     """
     turns = omega * durations[0], omega * durations[1]
     decays = np.exp(-turns[0]), np.exp(-turns[1])
-    shares = (1.0 - decays[0]) / turns[0], (1.0 - decays[1]) / turns[1]
-    # of one phase: dcm_start = zmp_start (1 - share) + zmp_end (share - decay) + dcm_end decay
-    rest = zmp_end * (shares[1] - decays[1]) + dcm_end * decays[1]
-    factor = (shares[0] - decays[0]) + (1.0 - shares[1]) * decays[0]
-    out: Array = (dcm_start - zmp_start * (1.0 - shares[0]) - rest * decays[0]) / factor
+    fractions = (1.0 - decays[0]) / turns[0], (1.0 - decays[1]) / turns[1]
+    # of one phase: dcm_start = zmp_start (1 - fraction) + zmp_end (fraction - decay) + dcm_end decay
+    rest = zmp_end * (fractions[1] - decays[1]) + dcm_end * decays[1]
+    factor = (fractions[0] - decays[0]) + (1.0 - fractions[1]) * decays[0]
+    out: Array = (dcm_start - zmp_start * (1.0 - fractions[0]) - rest * decays[0]) / factor
     return out

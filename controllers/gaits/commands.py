@@ -63,18 +63,18 @@ class VelocityCommand:
         return self.stepping or self.vx != 0.0 or self.vy != 0.0 or self.wz != 0.0
 
 
-WORDS = {"stop": VelocityCommand(), "step": VelocityCommand(stepping=True)}
-"""Commands with a name."""
+NAMED_COMMANDS = {"stop": VelocityCommand(), "step": VelocityCommand(stepping=True)}
+"""What a script may call by name."""
 
-LINE = "time [s] and vx [m/s], vy [m/s], wz [rad/s], or time and stop, or time and step"
-"""What a line of a script may hold."""
+LINE_FORMAT = "time [s] and vx [m/s], vy [m/s], wz [rad/s], or time and stop, or time and step"
+"""What a line of a script may say."""
 
 CommandProfile = Callable[[float], VelocityCommand]
 """The command at a time [s]."""
 
 
 class CommandScript:
-    """Commands that hold from their times on; before the first one the robot stands.
+    """Commands that are valid from their times on; before the first one the robot stands.
 
     Args:
         times: increasing, 0 or above [s].
@@ -96,12 +96,13 @@ class CommandScript:
 
     def __call__(self, t: float) -> VelocityCommand:
         """The command at ``t`` [s]."""
+        # times of ticks are rounded: a command is valid from the very tick that it names
         i = bisect_right(self.times, t + 1e-9)
         return self.commands[i - 1] if i else VelocityCommand()
 
 
 def read_script(path: Path, check: Callable[[VelocityCommand], None] | None = None) -> CommandScript:
-    """Read a script: one command a line, ``#`` begins a comment, numbers are parted by blanks or commas.
+    """Read a script: one command a line, ``#`` begins a comment, blanks or commas between the numbers.
 
     A line holds a time and three velocities, or a time and ``stop`` (stand with the feet side by side) or ``step`` (on
     the spot)::
@@ -130,6 +131,7 @@ def read_script(path: Path, check: Callable[[VelocityCommand], None] | None = No
             time, command = _parse(words)
             if check is not None:
                 check(command)
+            # so that the error of a time that does not rise names its line
             CommandScript([*times[-1:], time], [*commands[-1:], command])
         except ConfigError as error:
             allowed = f"{error.allowed} ({error.name} = {error.value!r})"
@@ -137,18 +139,18 @@ def read_script(path: Path, check: Callable[[VelocityCommand], None] | None = No
         times.append(time)
         commands.append(command)
     if not times:
-        raise ConfigError(f"script {path}", "no commands", "one command a line: " + LINE)
+        raise ConfigError(f"script {path}", "no commands", "one command a line: " + LINE_FORMAT)
     return CommandScript(times, commands)
 
 
 def _parse(words: list[str]) -> tuple[float, VelocityCommand]:
     """Time and command of one line."""
     try:
-        if len(words) == 2 and words[1] in WORDS:
-            return float(words[0]), WORDS[words[1]]
+        if len(words) == 2 and words[1] in NAMED_COMMANDS:
+            return float(words[0]), NAMED_COMMANDS[words[1]]
         time, vx, vy, wz = map(float, words)
     except ValueError as error:
-        raise ConfigError("line", " ".join(words), LINE) from error
+        raise ConfigError("line", " ".join(words), LINE_FORMAT) from error
     return time, VelocityCommand(vx, vy, wz, stepping=vx == vy == wz == 0.0)
 
 

@@ -102,6 +102,7 @@ class LateralSteps:
 
     def __init__(self, kin: BodyKinematics, tuning: LateralStepTuning, walk: WalkTuning) -> None:
         width = Feet(kin).width
+        # bounds that hold every foothold of the side steps, or walking would move them apart
         self._tuning = tuning
         walk = dataclasses.replace(
             walk,
@@ -115,9 +116,8 @@ class LateralSteps:
 
     def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
         """See :meth:`controllers.gaits.gait.Gait.apply`."""
-        turns, over = self._tuning.steps, 2 * self._tuning.steps
-        done = self.walking.steps
-        direction = 1.0 if done < turns else -1.0 if done < over else 0.0
+        there, done = self._tuning.steps, self.walking.steps
+        direction = 1.0 if done < there else -1.0 if done < 2 * there else 0.0
         self.walking.command = VelocityCommand(vy=direction * self._speed)
         self.walking.apply(reference, t, state, kin)
 

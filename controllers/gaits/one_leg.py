@@ -27,7 +27,7 @@ class OneLegTuning:
         hold_time: for which it stays up, 0 or above [s].
         lower_time: in which it comes down, above 0 [s].
         return_time: in which the load comes back onto both feet, above 0 [s].
-        touch_fraction: share of the weight that counts as touching the ground, above 0, at most 1.
+        touch_fraction: fraction of the weight that counts as touching the ground, above 0, at most 1.
         late_depth: by which a foot that does not touch in time goes on down at most, 0 or above [m].
         late_time: in which it does so, above 0 [s].
     """
@@ -52,8 +52,8 @@ class OneLegTuning:
         require_between("taichi touch_fraction", self.touch_fraction, 0.0, 1.0)
 
 
-LANDING = 0.3
-"""Time in which the reference of a foot that has touched the ground goes to where the foot is [s]."""
+LANDING_TIME = 0.3
+"""In which the reference of a foot that has touched the ground moves to where the foot is [s]."""
 
 
 class Phase(Enum):
@@ -96,19 +96,19 @@ class OneLeg:
         rest = np.zeros(2)
         self._com_path = Quintic((kin.com[:2].copy(), rest, rest), self._soles[stance][:2], tuning.shift_time)
         self._foot_path: Quintic | None = None
-        none = np.zeros(3)
-        self._late_path = Quintic((none, none, none), np.array([0.0, 0.0, -tuning.late_depth]), tuning.late_time)
+        rest3 = np.zeros(3)
+        self._late_path = Quintic((rest3, rest3, rest3), np.array([0.0, 0.0, -tuning.late_depth]), tuning.late_time)
         self.phase = Phase.SHIFT
         self.return_since: float | None = None
         self._since = self._com_since = self._foot_since = 0.0
         self._stopped = False
 
     def stop(self) -> None:
-        """See :meth:`Gait.stop`."""
+        """See :meth:`controllers.gaits.gait.Gait.stop`."""
         self._stopped = True
 
     def apply(self, reference: WholeBodyReference, t: float, state: RobotState, kin: BodyKinematics) -> None:
-        """See :meth:`Gait.apply`."""
+        """See :meth:`controllers.gaits.gait.Gait.apply`."""
         self._feet.update(kin)
         self._advance(t, self._touches(t, state), kin)
         self._write(reference, t)
@@ -128,13 +128,17 @@ class OneLeg:
     # -- the sequence
 
     def _advance(self, t: float, touches: bool, kin: BodyKinematics) -> None:
+        # times of ticks are rounded: a phase that is to end at a tick ends there
         tuning, elapsed = self._tuning, t - self._since + 1e-9
         if self.phase is Phase.SHIFT:
+            # both feet are still down: the load only has to come back
             if self._stopped:
                 self._return(t)
+            # the clock alone would lift a foot that still carries load where the robot lags behind its reference
             elif elapsed >= tuning.shift_time and self._ready():
                 self._move_foot(Phase.LIFT, t)
         elif self.phase is Phase.LIFT:
+            # from where the foot is: it need not go up first in order to come down
             if self._stopped:
                 self._move_foot(Phase.LOWER, t)
             elif elapsed >= tuning.lift_time:
@@ -142,6 +146,7 @@ class OneLeg:
         elif self.phase is Phase.HOLD:
             if self._stopped or elapsed >= tuning.hold_time:
                 self._move_foot(Phase.LOWER, t)
+        # in the first half a force is not yet that of the ground: the foot is well above it
         elif self.phase is Phase.LOWER and elapsed >= 0.5 * tuning.lower_time and touches:
             self._land(t, kin)
 
@@ -160,7 +165,7 @@ class OneLeg:
         path = self._foot(t)
         self._feet.latch(kin)
         self._soles = self._feet.centres
-        self._foot_path, self._foot_since = Quintic(path, self._soles[self._free], LANDING), t
+        self._foot_path, self._foot_since = Quintic(path, self._soles[self._free], LANDING_TIME), t
         self._return(t)
 
     def _return(self, t: float) -> None:
@@ -178,6 +183,7 @@ class OneLeg:
         elapsed = t - self._foot_since
         position, velocity, acceleration = self._foot_path.evaluate(elapsed)
         late = elapsed - self._tuning.lower_time
+        # no ground where it was expected: it is sought slowly, and not without end, for the leg has to bend for it
         if self.phase is Phase.LOWER and late > 0:
             further, velocity, acceleration = self._late_path.evaluate(late)
             position = position + further
@@ -210,15 +216,16 @@ class HandsThereAndBack:
     ) -> None:
         self._gait, self._tuning = gait, tuning
         self._hands = hands
-        self._ways = (targets[0] - hands[0], targets[1] - hands[1])
+        self._displacements = (targets[0] - hands[0], targets[1] - hands[1])
 
     def apply(self, reference: WholeBodyReference, t: float) -> None:
         """See :meth:`controllers.motions.hands.Motion.apply`."""
-        share = np.array(quintic(t, self._tuning.shift_time))
+        fraction, rate, second_rate = quintic(t, self._tuning.shift_time)
         if self._gait.return_since is not None:
-            share -= quintic(t - self._gait.return_since, self._tuning.return_time)
+            back = quintic(t - self._gait.return_since, self._tuning.return_time)
+            fraction, rate, second_rate = fraction - back[0], rate - back[1], second_rate - back[2]
         left, right = (
-            PointReference(start + share[0] * way, share[1] * way, share[2] * way)
-            for start, way in zip(self._hands, self._ways, strict=True)
+            PointReference(start + fraction * to_target, rate * to_target, second_rate * to_target)
+            for start, to_target in zip(self._hands, self._displacements, strict=True)
         )
         reference.hands = (left, right)

@@ -106,13 +106,13 @@ def _standing(robot: RobotDescription, options: Walk) -> Feet:
 def meeting(options: Walk, robot: RobotDescription) -> Beside:
     """Where the left hand meets the sphere: in the middle of the left foot's third support, swayed to the left."""
     tuning, feet = walk_tuning(robot), _standing(robot, options)
-    timing, heeded, wanted = tuning.timing, VelocityCommand(), VelocityCommand(vx=options.vx)
+    timing, limited, command = tuning.timing, VelocityCommand(), VelocityCommand(vx=options.vx)
     time, ahead = FIRST + tuning.start_time, 0.0
     for _ in range(MEETING_STEPS):
-        heeded = heeded.towards(wanted, tuning.speed_change, tuning.turn_change)
-        time += timing.period(heeded.vx)
-        ahead += heeded.vx * timing.period(heeded.vx)
-    single = timing.single(heeded.vx)
+        limited = limited.towards(command, tuning.speed_change, tuning.turn_change)
+        time += timing.period(limited.vx)
+        ahead += limited.vx * timing.period(limited.vx)
+    single = timing.single(limited.vx)
     time += 0.5 * single
     sideways = sway(0.5 * feet.width, feet.omega, single, tuning.double_support)
     return Beside(options.obstacle, ahead, sideways, time, walk_posture(options.hands))

@@ -204,7 +204,7 @@ def standing(name: str = "g1") -> tuple[Walking, WholeBodyReference, RobotState,
     return Walking(kin, walk_tuning(robot)), reference_here(kin, with_hands=True), state, kin
 
 
-def test_a_commanded_walk_heeds_its_commands_until_it_is_stopped() -> None:
+def test_a_commanded_walk_follows_its_commands_until_it_is_stopped() -> None:
     walking, reference, state, kin = standing()
     gait = CommandedWalk(walking, lambda t: VelocityCommand(0.1 * t))
     gait.apply(reference, 2.0, state, kin)

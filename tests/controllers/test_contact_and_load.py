@@ -13,7 +13,7 @@ from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, LoadEstima
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
-from tests.support.ideal_walk import at_rest
+from tests.support.states import at_rest
 from wbc.wrench import GRAVITY
 
 

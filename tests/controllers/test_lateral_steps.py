@@ -25,7 +25,7 @@ from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
 from robots.messages import RobotState
 from robots.pinocchio_model import standing_configuration
-from tests.support.ideal_walk import kinematics_of
+from tests.support.states import kinematics_of
 
 APART, STRIDE, WIDTH = 0.1, 0.3, 0.2
 PLANNER = SideSteps(APART, STRIDE, WIDTH)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.gaits.footholds import LEFT, RIGHT
-from controllers.gaits.one_leg import LANDING, HandsThereAndBack, OneLeg, OneLegTuning, Phase
+from controllers.gaits.one_leg import LANDING_TIME, HandsThereAndBack, OneLeg, OneLegTuning, Phase
 from controllers.reference import reference_here
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.controller import WholeBodyController
@@ -188,8 +188,8 @@ def test_a_foot_that_lands_early_is_taken_as_it_is(robot: RobotDescription) -> N
     assert before > drive.soles[RIGHT][2] + 0.01
     speed = abs(drive.reference.soles[RIGHT].velocity[2])
     path = np.array([foot[2] for _, foot in drive.run(1.0, touching)])
-    assert np.abs(np.diff([before, *path])).max() <= 2.0 * DT * (speed + 2 * (before - path[-1]) / LANDING)
-    after = round(LANDING / DT)
+    assert np.abs(np.diff([before, *path])).max() <= 2.0 * DT * (speed + 2 * (before - path[-1]) / LANDING_TIME)
+    after = round(LANDING_TIME / DT)
     np.testing.assert_allclose(path[after:], drive.soles[RIGHT][2], atol=1e-9)
 
 

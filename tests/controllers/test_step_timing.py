@@ -25,7 +25,7 @@ def peak_acceleration(timing: StepTiming, command: VelocityCommand) -> float:
     stance = planner.next_foothold(start, RIGHT, command)
     end = planner.next_foothold(stance, LEFT, command)
     path = SwingPath(np.array([start.x, start.y, 0.0, 0.0]), np.array([end.x, end.y, 0.0, 0.0]), 0.06, single)
-    return max(float(np.linalg.norm(path.evaluate(t)[2, :2])) for t in np.linspace(0.0, single, 2001))
+    return max(float(np.linalg.norm(path.evaluate(t).acceleration[:2])) for t in np.linspace(0.0, single, 2001))
 
 
 @given(timings, st.floats(0.05, 0.8), st.floats(-math.pi, math.pi), st.sampled_from((0.0, 0.0, 0.3, -0.7)))

@@ -82,3 +82,14 @@ def test_sent_to_where_it_goes_anyway_nothing_changes() -> None:
     swing = swing.redirected(TARGET, 0.2, 0.4)
     for t in np.linspace(0.2, 0.6, 50):
         assert rows(swing, t)[0] == pytest.approx(rows(plain, t)[0], abs=1e-9)
+
+
+def test_a_path_that_is_sent_elsewhere_is_another_one() -> None:
+    """The first one does not change, at no time and in nothing that it says of itself."""
+    swing, times = path(), np.linspace(0.0, 0.7, 50)
+    before = [rows(swing, t) for t in times]
+    other = swing.redirected(TARGET + np.array([0.1, -0.1, 0.0, 0.2]), 0.2, 0.2)
+    assert other.duration == pytest.approx(0.4)
+    assert swing.duration == 0.6
+    np.testing.assert_array_equal(swing.target, TARGET)
+    np.testing.assert_array_equal([rows(swing, t) for t in times], before)

@@ -206,7 +206,7 @@ def test_a_stop_at_any_instant_ends_on_both_feet_side_by_side(walk: IdealWalk, w
     ended = walk.ticks[-1]
     np.testing.assert_allclose(ended.dcm, ended.soles[:, :2].mean(axis=0), rtol=0, atol=1e-9)
     np.testing.assert_allclose(ended.zmp, ended.dcm, rtol=0, atol=1e-9)
-    # a command after a stop is not heeded
+    # a command after a stop has no effect
     walk.walking.command = AHEAD
     assert walk.walking.command == STOP
     steps = walk.walking.steps

@@ -57,7 +57,7 @@ def test_a_walk_begins_with_the_foot_on_the_side_it_goes_to(
     assert swinging(walk.until_single()) == first
 
 
-def test_a_command_is_heeded_from_the_next_step_on(walk: IdealWalk) -> None:
+def test_a_command_takes_effect_with_the_next_step(walk: IdealWalk) -> None:
     walk.walking.command = VelocityCommand(stepping=True)
     walk.until_single()
     walk.run(0.1)

@@ -13,7 +13,9 @@ from controllers.reference import reference_here
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
-from tests.support.ideal_walk import DT, IdealWalk, at_rest, kinematics_of
+from robots.messages import Array
+from tests.support.ideal_walk import DT, IdealWalk
+from tests.support.states import at_rest, kinematics_of
 
 AHEAD = VelocityCommand(vx=0.2)
 
@@ -103,3 +105,27 @@ def test_body_and_feet_turn_together(walk: IdealWalk) -> None:
     slope = np.gradient(np.array(angles), DT)
     assert np.median(np.abs(slope - rates)) < 1e-3
     assert np.percentile(np.abs(slope - rates), 98) < 1e-2
+
+
+def kept_arrays(walk: IdealWalk) -> list[Array]:
+    """Every array that the reference of the last tick holds, not copied."""
+    r = walk.reference
+    assert r.dcm is not None
+    points = [a for p in (*r.soles, r.com) for a in (p.position, p.velocity, p.acceleration)]
+    axes = [*r.sole_rotations, r.base_rotation, r.torso_rotation]
+    return [*points, *axes, r.sole_turns, r.load_limits, r.in_contact, r.dcm.position, r.dcm.velocity]
+
+
+def test_references_of_a_tick_may_be_kept(walk: IdealWalk) -> None:
+    """No later tick changes an array that was handed out, whatever ticks share; through all phases and a push."""
+    walk.walking.command = VelocityCommand(vx=0.2, wz=0.2)
+    kept, copies = [], []
+    for i in range(round(4.0 / DT)):
+        walk.body.error = np.array([0.05, 0.0]) if 1000 < i < 1020 else np.zeros(2)
+        walk.tick()
+        kept.append(kept_arrays(walk))
+        copies.append([a.copy() for a in kept[-1]])
+    assert walk.walking.steps >= 3
+    for arrays, before in zip(kept, copies, strict=True):
+        for a, b in zip(arrays, before, strict=True):
+            np.testing.assert_array_equal(a, b)

@@ -12,24 +12,11 @@ from controllers.reference import WholeBodyReference, reference_here
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
-from robots.messages import Array, RobotState
-from robots.pinocchio_model import standing_configuration
+from robots.messages import Array
+from tests.support.states import at_rest, kinematics_of
 
 DT = 0.002
 """Control period [s]."""
-
-
-def at_rest(robot: RobotDescription) -> RobotState:
-    """The robot standing in its posture, without measured forces."""
-    nj = len(robot.joints)
-    return RobotState(standing_configuration(robot), np.zeros(6 + nj), np.zeros(nj), 0.0)
-
-
-def kinematics_of(robot: RobotDescription, state: RobotState) -> Kinematics:
-    """Kinematics at a state."""
-    kin = Kinematics(robot)
-    kin.update(state.q, state.v)
-    return kin
 
 
 @dataclass

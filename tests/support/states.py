@@ -25,3 +25,10 @@ def at_rest(robot: RobotDescription, posture: str = "standing", stamp: float = 0
     """A robot in a named posture that does not move; forces of the feet are not measured."""
     nj = len(robot.joints)
     return RobotState(standing_configuration(robot, posture), np.zeros(6 + nj), np.zeros(nj), stamp)
+
+
+def kinematics_of(robot: RobotDescription, state: RobotState) -> Kinematics:
+    """Kinematics at a state."""
+    kin = Kinematics(robot)
+    kin.update(state.q, state.v)
+    return kin

@@ -25,22 +25,22 @@ class WalkTuning:
         swing_acceleration: largest horizontal acceleration of a foot on its planned path, as long as no disturbance
             moves its foothold, above 0 [m/s^2].
         forward: longest step forward or back [m].
-        narrowest: smallest distance of the feet, as a share of that in the standing posture, in (0, 1].
-        widest: largest, as a share of it, 1 or above.
+        narrowest: smallest distance of the feet, as a fraction of that in the standing posture, in (0, 1].
+        widest: largest, as a fraction of it, 1 or above.
         turn: largest turn of one foot against the other [rad].
         load_transfer_time: in which a foot takes on and gives up its load, above 0 [s].
-        speed_change: largest change of the commanded speed that a step heeds, above 0 [m/s].
-        turn_change: largest change of the commanded turning that a step heeds, above 0 [rad/s].
+        speed_change: largest change of the commanded speed from one step to the next, above 0 [m/s].
+        turn_change: largest change of the commanded turning from one step to the next, above 0 [rad/s].
         stop_time: time of the last double support, into standing, above 0 [s].
-        zmp_fraction: share of the sole that the ZMP may use against a disturbance before the foothold moves, in [0, 1].
+        zmp_fraction: part of the sole that the ZMP may use against a disturbance before the foothold moves, in [0, 1].
         frozen_time: before a landing in which neither its place nor its time change any more, above 0 [s].
         shortest_step: shortest time on one foot, where a disturbance asks for a quick step, above 0 [s].
         catch_error: error of the DCM from which, if it lies outside the feet as well, a step is made at once, above
             0 [m].
         catch_time: time of the double support before a step that catches a robot pushed in standing, above 0 [s].
         wait_limit: longest wait in double support for a disturbance to decay [s].
-        wait_shift: shift of the next foothold that a disturbance must not ask for, for the foot to lift, above 0 [m].
-        touch_fraction: share of the weight that counts as touching the ground, in (0, 1].
+        wait_shift: shift of the next foothold from which on a disturbance keeps a foot from lifting, above 0 [m].
+        touch_fraction: part of the weight that counts as touching the ground, in (0, 1].
         late_limit: longest wait for a foot that does not touch in time [s].
         touch_speed: downward speed at which a foot comes to the ground, and goes on down where there is none yet,
             above 0 [m/s].
@@ -144,20 +144,24 @@ class WalkTuning:
             alone = getattr(fastest, name)
             require_between(name, getattr(command, name), -alone, alone)
         if name := self._too_far(command, width):
-            # the largest share of the whole command that is within reach, to a hundredth
-            share = max(i for i in range(100) if not self._too_far(command.scaled(0.01 * i), width))
-            allowed = f"smaller beside the other velocities: fast steps take longer; {share} % of each are within reach"
+            # the largest part of the whole command that is within reach, to a hundredth
+            percent = max(i for i in range(100) if not self._too_far(command.scaled(0.01 * i), width))
+            allowed = (
+                f"smaller beside the other velocities: fast steps take longer; {percent} % of each are within reach"
+            )
             raise ConfigError(name, getattr(command, name), allowed)
 
     def _too_far(self, command: VelocityCommand, width: float) -> str:
         """Name of the velocity for which steps at a command would have to be longer than they can be, or nothing."""
         period = self.timing.period(command.foot_speed(width))
-        ways = {"vx": self.forward, "vy": self._sideways(width), "wz": self.turn}
-        return next((n for n, way in ways.items() if abs(getattr(command, n)) * period > way * (1.0 + 1e-9)), "")
+        longest = {"vx": self.forward, "vy": self._sideways(width), "wz": self.turn}
+        # the fastest velocity makes exactly the longest step, but for rounding
+        return next((n for n, most in longest.items() if abs(getattr(command, n)) * period > most * (1.0 + 1e-9)), "")
 
     def _sideways(self, width: float) -> float:
-        """Way to the side that a step can make [m]."""
-        # the leading foot goes 1 + v, or where the trailing one stops at the narrowest, narrowest + 2 v
+        """Distance to the side that a step can make on average [m]."""
+        # in widths, at v per step: the leading foot lands 1 + v from the other one; or narrowest + 2 v, where the
+        # trailing one stops at the narrowest
         return width * min(self.widest - 1.0, 0.5 * (self.widest - self.narrowest))
 
 

@@ -50,6 +50,7 @@ class StepLimits:
 
     def clamp(self, stance: Foothold, foothold: Foothold, swing: int) -> Foothold:
         """The foothold of the foot ``swing`` moved into the bounds."""
+        # sideways outwards, so that one pair of bounds serves both feet
         side = 1.0 if swing == LEFT else -1.0
         x, y, yaw = stance.relative(foothold)
         x = min(max(x, -self.forward), self.forward)
@@ -77,15 +78,16 @@ class VelocityFootsteps:
 
     def next_foothold(self, stance: Foothold, swing: int, command: VelocityCommand) -> Foothold:
         """See :meth:`FootstepPlanner.next_foothold`."""
+        # from the standing foot to the body, and from there on to the side of the other foot
         half = 0.5 * self.limits.width * (1.0 if swing == LEFT else -1.0)
         body = stance.compose(0.0, half, 0.0)
-        reach = self.timing.period(command.foot_speed(self.limits.width))
-        turn = command.wz * reach
-        # Exp of a planar velocity: the body turns while it moves
+        period = self.timing.period(command.foot_speed(self.limits.width))
+        turn = command.wz * period
+        # Exp of a planar velocity: the body turns while it moves; by its series where the quotients would be 0 / 0
         a, b = (1.0, 0.5 * turn) if abs(turn) < 1e-6 else (math.sin(turn) / turn, (1.0 - math.cos(turn)) / turn)
-        x = reach * (a * command.vx - b * command.vy)
-        y = reach * (b * command.vx + a * command.vy)
-        # what a trailing foot may not come closer, the leading one goes further
+        x = period * (a * command.vx - b * command.vy)
+        y = period * (b * command.vx + a * command.vy)
+        # what a trailing foot may not come closer, the leading one goes further: two steps are as long as commanded
         missing = max(0.0, abs(y) - (self.limits.width - self.limits.narrowest))
         if missing > 0.0 and y * half > 0.0:
             y += math.copysign(missing, y)

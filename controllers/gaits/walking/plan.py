@@ -1,4 +1,4 @@
-"""From footholds ahead to the plan of ZMP and DCM."""
+"""From the next footholds to the plan of ZMP and DCM."""
 
 import math
 from collections.abc import Sequence
@@ -74,8 +74,10 @@ class StepPlan:
         stance = footholds[1 - swing]
         target = self.next_foothold(stance, swing, command)
         phases = self._phases(stance, swing, target, single, command)
+        # after a touchdown the ZMP is under the foot that landed before, where the last plan has left it
         if start is None:
             return DcmPlan([ZmpPhase(footholds[swing].point, stance.point, duration), *phases], self._omega)
+        # from standing it is under the DCM, which it has to move to where the step begins with it
         at_lift = DcmPlan(phases, self._omega).evaluate(0.0).position
         half = 0.5 * duration
         middle = waypoint(start, start, stance.point, at_lift, (half, half), self._omega)
@@ -95,6 +97,7 @@ class StepPlan:
         phases = [ZmpPhase(stance.point, stance.point, single)]
         standing, landing, side = stance, target, swing
         for _ in range(LOOKAHEAD):
+            # nothing to come after the step that closes the feet: the ZMP goes between them
             if not command.walks and self.closed(standing, landing, side):
                 phases.append(ZmpPhase(standing.point, 0.5 * (standing.point + landing.point), tuning.stop_time))
                 break
@@ -103,6 +106,7 @@ class StepPlan:
             standing, side = landing, 1 - side
             landing = self.next_foothold(standing, side, command)
         else:
+            # the end of what is looked at, not of the walk: far enough away for how it ends not to matter
             middle = 0.5 * (standing.point + landing.point)
             phases.append(ZmpPhase(standing.point, middle, tuning.double_support))
         return phases

@@ -11,11 +11,11 @@ from robots.checks import require_positive
 class StepTiming:
     r"""Times of a step, by the speed that the feet have to keep up with.
 
-    At speed v a swinging foot goes :math:`D = 2 v (T_s + T_d)` over the ground, in a share :math:`\rho` of the time on
-    one foot, on a quintic whose acceleration peaks at :math:`10 D / (\sqrt 3 (\rho T_s)^2)`. What accelerates the leg
-    drives the rest of the robot back, and more than a sole can hold against throws it. So T_s is the time of slow
-    walking, or the shortest that keeps the peak within a bound. A step between two speeds takes the
-    time of the faster one.
+    At speed v a swinging foot goes :math:`D = 2 v (T_s + T_d)` over the ground, in a fraction :math:`\rho` of the time
+    on one foot, on a quintic whose acceleration peaks at :math:`10 D / (\sqrt 3 (\rho T_s)^2)`. What accelerates the
+    leg drives the rest of the robot back, and more than a sole can resist makes it fall. So T_s is the time of slow
+    walking, or the shortest that keeps the peak within a bound. A step between two speeds takes the time of the faster
+    one.
 
     Attributes:
         single_support: T_s of slow walking, above 0 [s].

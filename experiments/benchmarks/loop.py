@@ -24,11 +24,10 @@ from experiments.scenarios.options import (
 )
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.walk import command_profile, walk_scenario
-from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from safety.filters.safety_filter import FILTERS
+from safety.filters.registry import filter_kind
 
 DURATION = 12.0
 """Simulated time of each run [s]."""
@@ -42,7 +41,7 @@ RUNS = ("hands", "walk")
 
 def bench_loop(options: BenchOptions) -> int:
     """Measure the closed loop of every robot and print its table; returns 0."""
-    require_one_of("filter", options.filter, FILTERS)
+    filter_kind(options.filter)
     robots = [(name, load_robot(name)) for name in options.robots]
     if not robots:
         raise ConfigError("robots", options.robots, "at least one robot")

@@ -22,7 +22,7 @@ MAY_IMPORT = {
 }
 """Package to what it may import of ours beside itself; the one table of the layering."""
 
-SOLVERS = ("daqp", "proxsuite")
+SOLVERS = {"daqp": "wbc/qp/daqp_solver.py", "proxsuite": "wbc/qp/proxqp_solver.py"}
 PLOTTING = ("matplotlib",)
 TESTS_ONLY = ("tests", "conftest", "pytest", "_pytest", "hypothesis", "coal")
 SILENT = ("robots", "wbc", "safety", "controllers", "sims")
@@ -108,8 +108,9 @@ def test_the_check_itself_tells_allowed_from_forbidden(package: str, source: str
     assert layering_faults(package, ast.parse(source)) == faults
 
 
-def test_solvers_are_imported_by_the_qp_wrapper_only() -> None:
-    assert importers(tuple(MAY_IMPORT), SOLVERS) == {"wbc/qp.py"}
+def test_each_solver_is_imported_by_its_own_wrapper_only() -> None:
+    for solver, wrapper in SOLVERS.items():
+        assert importers(tuple(MAY_IMPORT), (solver,)) == {wrapper}
 
 
 def test_plotting_is_imported_by_experiments_only() -> None:

@@ -10,18 +10,15 @@ from controllers.reference import WholeBodyReference
 from controllers.whole_body.config import ControllerConfig, FilterTuning, TaskTuning
 from controllers.whole_body.dynamics import DynamicLevel
 from controllers.whole_body.mass_estimator import LoadEstimator
-from controllers.whole_body.strategies import make_strategy
-from controllers.whole_body.strategy import SafetyStrategy
+from controllers.whole_body.safety_level import SafetyLevel
 from controllers.whole_body.task_stack import PlacedTask, TaskStack
-from controllers.whole_body.velocity_filter import VelocityFilter
 from controllers.whole_body.warm_up import situations
 from controllers.whole_body.whole_body_tasks import WholeBodyTasks
 from robots.checks import all_finite
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array, MotorCommand, RobotState
-from safety.barriers.barrier_set import Barrier, BarrierSet, ObstacleBarrier, standard_barriers
-from safety.barriers.rows import BarrierRows
+from safety.barriers.barrier_set import Barrier, BarrierSet
 from safety.filters.results import FilterResult
 from safety.filters.safety_filter import SafetyFilter
 from safety.geometry.shapes import Obstacle
@@ -86,16 +83,10 @@ class WholeBodyController:
         self._config, self._clock = config, clock
         self._kinds, self._extra_barriers, self._extra_tasks = tuple(obstacle_kinds), extra_barriers, extra_tasks
         self._kin = Kinematics(robot)
-        extra = () if extra_barriers is None else extra_barriers(self._kin)
-        self._barriers = standard_barriers(self._kin, obstacle_kinds, extra)
-        self._obstacles = next((b for b in self._barriers.barriers if isinstance(b, ObstacleBarrier)), None)
         self._dynamics = DynamicLevel(self._kin, config)
         own = () if extra_tasks is None else extra_tasks(self._kin)
         self._tasks = WholeBodyTasks(self._kin, config, with_hands, self._dynamics.half_sizes, own)
-        self._strategy = self._make_strategy(config)
-        self.dynwbc.expect_conditions(self._strategy.condition_count)
-        self._others: dict[tuple[str, bool], SafetyStrategy] = {}
-        self._last: tuple[Array, Array] | None = None
+        self._safety = SafetyLevel(self._kin, config, self._dynamics.dynwbc, self._kinds, extra_barriers)
         self._kinematics_time = 0.0
         self._kp = config.gain_scale * robot.joint_array("kp")
         self._kd = config.gain_scale * robot.joint_array("kd")
@@ -121,7 +112,7 @@ class WholeBodyController:
     @property
     def barriers(self) -> BarrierSet:
         """What is kept."""
-        return self._barriers
+        return self._safety.barriers
 
     @property
     def with_hands(self) -> bool:
@@ -151,23 +142,19 @@ class WholeBodyController:
     @property
     def filter(self) -> SafetyFilter | None:
         """The filter of velocities; ``None`` where the conditions are DynWBC's."""
-        return self._strategy.filter if isinstance(self._strategy, VelocityFilter) else None
-
-    def _make_strategy(self, config: ControllerConfig) -> SafetyStrategy:
-        return make_strategy(config, self._barriers.size, self.robot.joint_array("velocity"), self.dynwbc)
+        return self._safety.filter
 
     def _warm_up(self, config: ControllerConfig) -> None:
         """Tick a twin with these settings through all situations, and throw it away."""
         twin = WholeBodyController(
             self.robot,
             config,
-            self._tasks.with_hands,
+            self.with_hands,
             self._kinds,
             extra_barriers=self._extra_barriers,
             extra_tasks=self._tasks_with_target,
         )
-        kinds = () if twin._obstacles is None else twin._obstacles.kinds
-        for state, reference, obstacles in situations(twin.kin, self._tasks.with_hands, kinds):
+        for state, reference, obstacles in situations(twin.kin, self.with_hands, twin._safety.obstacle_kinds):
             twin.tick(state, reference, obstacles)
 
     def _tasks_with_target(self, kin: Kinematics) -> list[PlacedTask]:
@@ -184,7 +171,7 @@ class WholeBodyController:
         out. Takes some 0.2 s, where the kernels have to be compiled some 20 s.
         """
         self._warm_up(self._config)
-        self._strategy.prepare(self._barriers.families)
+        self._safety.warm()
 
     def prepare_filter(self, name: str, adaptive: bool = False) -> None:
         """Have another filter ready, so that :meth:`set_filter` keeps no tick waiting; as long as :meth:`warm_up`.
@@ -193,10 +180,8 @@ class WholeBodyController:
             ConfigError: unknown filter, or one that these settings do not allow.
         """
         config = self._with_filter(name, adaptive, None)
-        strategy = self._others.setdefault((name, adaptive), self._make_strategy(config))
+        self._safety.prepare(config)
         self._warm_up(config)
-        strategy.prepare(self._barriers.families)
-        self.dynwbc.prepare_conditions(strategy.condition_count)
 
     def set_filter(self, name: str, safety: FilterTuning | None = None, adaptive: bool = False) -> None:
         """Take another safety filter from the next tick on, which goes on from the command of the last one.
@@ -214,16 +199,8 @@ class WholeBodyController:
             ConfigError: unknown filter, or one that these settings do not allow; nothing changes.
         """
         config = self._with_filter(name, adaptive, safety)
-        key = config.filter, config.adaptive
-        strategy = self._others.pop(key, None) or self._make_strategy(config)
-        strategy.set_safety(config.safety)
-        strategy.prepare(self._barriers.families)
-        strategy.reset()
-        if self._last is not None:
-            strategy.resume(*self._last)
-        self.dynwbc.expect_conditions(strategy.condition_count)
-        self._others[self._config.filter, self._config.adaptive] = self._strategy
-        self._strategy, self._config = strategy, config
+        self._safety.change(config)
+        self._config = config
 
     def _with_filter(self, name: str, adaptive: bool, safety: FilterTuning | None) -> ControllerConfig:
         """The settings with another filter; parameters of its own belong to one filter only."""
@@ -239,7 +216,7 @@ class WholeBodyController:
             ConfigError: they have parameters of another filter; nothing changes.
         """
         config = replace(self._config, safety=safety)
-        self._strategy.set_safety(safety)
+        self._safety.change(config)
         self._config = config
 
     def set_gains(self, tasks: TaskTuning | None = None, dynwbc: DynWbcWeights | None = None) -> None:
@@ -259,8 +236,7 @@ class WholeBodyController:
         self._kin.update(state.q, state.v)
         self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
-        self._strategy.reset()
-        self._last = None
+        self._safety.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
@@ -302,7 +278,7 @@ class WholeBodyController:
         self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
     ) -> TickResult:
         """:meth:`tick` for the state of the last :meth:`update`."""
-        kin, kinwbc, strategy = self._kin, self._tasks.stack.kinwbc, self._strategy
+        kin, kinwbc, strategy = self._kin, self._tasks.stack.kinwbc, self._safety.strategy
         clock, marks = self._clock, np.empty(len(STAGES) + 1)
         marks[1] = clock()
         marks[0] = marks[1] - self._kinematics_time
@@ -311,7 +287,7 @@ class WholeBodyController:
         marks[2] = clock()
         v_des = kinwbc.solve(levels)
         marks[3] = clock()
-        rows = self._barrier_rows(obstacles)
+        rows = self._safety.rows(obstacles)
         marks[4] = clock()
         filtered = strategy.filter_velocity(rows, v_des, self._tasks.jacobians(reference.in_contact), state.v)
         marks[5] = clock()
@@ -321,21 +297,10 @@ class WholeBodyController:
         dynamic = self.dynwbc.solve(problem)
         safety = strategy.conclude(filtered, conditions, dynamic, state.v)
         marks[7] = clock()
-        self._last = v_des, safety.v
+        self._safety.note(v_des, safety.v)
         command = self._command(state, safety.v, self._dynamics.feed_forward(dynamic, reference.in_contact))
         return TickResult(command, v_des, safety, dynamic, marks[1:] - marks[:-1])
 
     def _command(self, state: RobotState, v_safe: Array, torque: Array) -> MotorCommand:
         q = state.q[7:] + v_safe[6:] * self._config.dt
         return MotorCommand(q, v_safe[6:].copy(), torque, self._kp, self._kd, state.stamp)
-
-    def _barrier_rows(self, obstacles: Sequence[Obstacle]) -> BarrierRows:
-        """Rows at the kinematics' state, of second order where the strategy needs it."""
-        if self._obstacles is not None:
-            self._obstacles.set_obstacles(obstacles)
-        elif obstacles:
-            raise ValueError(f"{len(obstacles)} obstacles given, 0 announced")
-        second_order = self._strategy.second_order
-        if second_order:
-            self._kin.update_second_order()
-        return self._barriers.evaluate(self._kin, second_order)

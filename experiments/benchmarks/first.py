@@ -18,10 +18,9 @@ from experiments.benchmarks.worst_scenes import Scene
 from experiments.reports.table import Column, Row, Table, show
 from experiments.running.warmup import fill_caches
 from experiments.scenarios.options import BenchOptions
-from robots.checks import require_one_of
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from safety.filters.safety_filter import FILTERS
+from safety.filters.registry import filter_kind
 
 PROCESSES = 5
 """How many processes are started for each line; the middle one counts."""
@@ -35,7 +34,7 @@ KINDS = ("warm_up_ms", "first_ms", "second_ms", "median_ms")
 
 def bench_first(options: BenchOptions) -> int:
     """Measure every robot, print the table; returns 0."""
-    require_one_of("filter", options.filter, FILTERS)
+    filter_kind(options.filter)
     robots = [load_robot(name) for name in options.robots]
     if not robots:
         raise ConfigError("robots", options.robots, "at least one robot")

@@ -17,11 +17,10 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import BenchOptions, FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.walk import Walk
-from robots.checks import require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from safety.filters.safety_filter import FILTERS
+from safety.filters.registry import filter_kind
 
 DURATION = 12.0
 """Simulated time of each run [s]."""
@@ -35,7 +34,7 @@ RUNS = ("hands", "walk")
 
 def bench_loop(options: BenchOptions) -> int:
     """Measure the closed loop of every robot and print its table; returns 0."""
-    require_one_of("filter", options.filter, FILTERS)
+    filter_kind(options.filter)
     robots = [(name, load_robot(name)) for name in options.robots]
     if not robots:
         raise ConfigError("robots", options.robots, "at least one robot")

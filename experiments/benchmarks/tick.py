@@ -21,14 +21,14 @@ from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_motions import start_posture
 from experiments.scenarios.options import BenchOptions
-from robots.checks import require_between, require_one_of
+from robots.checks import require_between
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
-from safety.filters.safety_filter import FILTERS
+from safety.filters.registry import filter_kind
 from sims.plant import MujocoPlant, PlantConfig
 
 TICKS = 5000
@@ -74,7 +74,7 @@ def bench_tick(options: BenchOptions) -> int:
     """Measure one control tick of every robot and print the table; returns 0."""
     ticks = TICKS if options.ticks is None else options.ticks
     require_between("ticks", ticks, 100, 1_000_000)
-    require_one_of("filter", options.filter, FILTERS)
+    filter_kind(options.filter)
     robots = [load_robot(name) for name in options.robots]
     if not robots:
         raise ConfigError("robots", options.robots, "at least one robot")

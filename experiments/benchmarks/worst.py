@@ -19,12 +19,13 @@ from experiments.benchmarks.worst_scenes import SCENES
 from experiments.cli.console import make_console
 from experiments.reports.table import Column, Row, Table, show
 from experiments.scenarios.options import BenchOptions
-from robots.checks import require_between, require_one_of
+from robots.checks import require_between
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array, Mask
-from safety.filters.safety_filter import FILTERS, FilterStatus
+from safety.filters.registry import filter_kind
+from safety.filters.safety_filter import FilterStatus
 
 TICKS = 100_000
 """Ticks of all sequences of a robot together, if not said otherwise."""
@@ -291,7 +292,7 @@ def checked_robots(options: BenchOptions) -> list[RobotDescription]:
     Raises:
         ConfigError: there are none, or there is no such filter.
     """
-    require_one_of("filter", options.filter, FILTERS)
+    filter_kind(options.filter)
     if not options.robots:
         raise ConfigError("robots", options.robots, "at least one robot")
     return [load_robot(name) for name in options.robots]

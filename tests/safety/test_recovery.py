@@ -340,3 +340,17 @@ def test_a_lost_row_is_left_though_rows_that_hold_contradict_each_other(name: st
         rates.append(result.v[1])
     assert np.diff(rates).max() <= ACCELERATION * DT + 1e-6
     assert rates[-1] > 0.9 * SPEED
+
+
+def test_a_filter_that_takes_over_goes_on_from_the_last_command() -> None:
+    """In the middle of the way out: told the last command it changes it by a little, else it starts from rest."""
+    jac, h, v_des = np.eye(1, 2), np.array([-0.05]), np.zeros(2)
+    first = filter_of(1, 2)
+    for _ in range(60):
+        last = first.apply(rows_of(h, jac), v_des).v
+    told, untold = filter_of(1, 2, "issf"), filter_of(1, 2, "issf")
+    told.resume(v_des, last)
+    changes = [np.abs(f.apply(rows_of(h, jac), v_des).v - last).max() for f in (told, untold)]
+    assert last[0] > 0.1
+    assert changes[0] < 0.02
+    assert changes[1] > 0.1

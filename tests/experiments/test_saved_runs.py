@@ -15,11 +15,11 @@ from experiments.recording.recording import (
     family_minima,
     filter_title,
     load_result,
-    prepare_folder,
     run_title,
     save_result,
     setting,
 )
+from experiments.recording.store import prepare_folder
 from robots.errors import ConfigError
 from tests.support.made_runs import made_run
 
@@ -71,7 +71,7 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path: Path, monk
     def read_only(**_: Any) -> None:
         raise OSError(30, "Read-only file system")
 
-    monkeypatch.setattr("experiments.recording.recording.tempfile.NamedTemporaryFile", read_only)
+    monkeypatch.setattr("experiments.recording.store.tempfile.NamedTemporaryFile", read_only)
     with pytest.raises(ConfigError, match="Read-only file system"):
         prepare_folder(tmp_path)
 

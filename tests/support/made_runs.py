@@ -53,7 +53,7 @@ def made_run(robot: str = "g1", ticks: int = 40, hands: bool = True, **config: A
         names = ("left_hand", "left_hand_ref", "right_hand", "right_hand_ref")
         series |= {name: np.tile([0.3, 0.2, 0.8], (ticks, 1)) + 0.01 * wave for name in names}
     settings = {"robot": robot, "filter": "issf", "plant": {"mass_scale": 1.0}, **config}
-    return RunResult(made, settings, {"fell": False, "min_h_self_collision_mm": 50.0}, series)
+    return RunResult(made, settings, {"fell": False, "min_h_self_collision_m": 0.05}, series)
 
 
 def with_series(result: RunResult, **changes: np.ndarray) -> RunResult:

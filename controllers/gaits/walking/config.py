@@ -12,6 +12,30 @@ from robots.checks import require_between, require_non_negative, require_positiv
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 
+POSITIVE = (
+    "single_support",
+    "double_support",
+    "start_time",
+    "stop_time",
+    "speed_change",
+    "turn_change",
+    "load_transfer_time",
+    "frozen_time",
+    "shortest_step",
+    "catch_time",
+    "catch_error",
+    "wait_shift",
+    "step_height",
+    "swing_acceleration",
+    "force_weight",
+    "moment_weight",
+    "load_estimate_time",
+    "forward",
+    "turn",
+    "touch_speed",
+)
+"""Fields of :class:`WalkTuning` that have to be above 0."""
+
 
 @dataclass(frozen=True, slots=True)
 class WalkTuning:
@@ -83,29 +107,7 @@ class WalkTuning:
     load_estimate_time: float = 1.0
 
     def __post_init__(self) -> None:
-        positive = (
-            "single_support",
-            "double_support",
-            "start_time",
-            "stop_time",
-            "speed_change",
-            "turn_change",
-            "load_transfer_time",
-            "frozen_time",
-            "shortest_step",
-            "catch_time",
-            "catch_error",
-            "wait_shift",
-            "step_height",
-            "swing_acceleration",
-            "force_weight",
-            "moment_weight",
-            "load_estimate_time",
-            "forward",
-            "turn",
-            "touch_speed",
-        )
-        for name in positive:
+        for name in POSITIVE:
             require_positive(f"walking {name}", getattr(self, name))
         if self.load_transfer_time > 0.5 * self.double_support:
             allowed = f"at most half of double_support, {self.double_support:g} s"

@@ -149,11 +149,11 @@ class DynWbc:
 
         Eq. (15) of Lee et al. with :math:`q^{safe} - q = \dot q^{safe} dt`.
         """
-        return (self.weights.kp * dt) * v_safe + self.weights.kd * (v_safe - v)
+        return (self._weights.kp * dt) * v_safe + self._weights.kd * (v_safe - v)
 
     def velocity_command(self, acceleration: Array, v: Array, dt: float) -> Array:
         """Velocity (nv,) whose acceleration command is ``acceleration`` (nv,): eq. (15) of Lee et al. turned round."""
-        return (acceleration + self.weights.kd * v) / (self.weights.kd + self.weights.kp * dt)
+        return (acceleration + self._weights.kd * v) / (self._weights.kd + self._weights.kp * dt)
 
     def contact_jacobian(self, kin: Kinematics, in_contact: Mask) -> Array:
         """Stacked Jacobians (6 c, nv), in their own axes, of the soles that are in contact."""
@@ -201,7 +201,7 @@ class DynWbc:
             ValueError: another number of conditions than announced.
         """
         qp = self._by_contact[np.asarray(in_contact, dtype=bool).tobytes()]
-        nj, nx, w = self.nj, qp.nx, self.weights
+        nj, nx, w = self.nj, qp.nx, self._weights
         jacobian = self._stacked_jacobian(kin, qp.feet)
         base, torque = np.empty((6, nx + 1)), np.empty((nj, nx + 1))
         mass_matrix, bias = kin.mass_matrix, kin.bias
@@ -252,8 +252,8 @@ class DynWbc:
         motion = jacobian[:, :6] @ base[:, :-1]
         motion[:, : self.nj] += jacobian[:, 6:]
         offset = jacobian[:, :6] @ base[:, -1] + (0.0 if contact_bias is None else contact_bias)
-        hessian += self.weights.contact * (motion.T @ motion)
-        gradient += self.weights.contact * (offset @ motion)
+        hessian += self._weights.contact * (motion.T @ motion)
+        gradient += self._weights.contact * (offset @ motion)
 
     def solve(self, problem: DynWbcProblem) -> DynWbcResult:
         """Solve an assembled problem.

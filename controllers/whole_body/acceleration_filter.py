@@ -5,7 +5,7 @@ import numpy as np
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.strategy import AccelerationConditions, MetricJacobians
 from robots.checks import all_finite
-from robots.messages import Array, Indices
+from robots.messages import Array, Indices, Mask
 from safety.barriers.rows import BarrierRows
 from safety.filters.filter_kind import FilterKind
 from safety.filters.results import FilterResult, FilterStatus, report
@@ -63,7 +63,9 @@ class AccelerationFilter:
         self._conditions.set_parameters(safety.parameters())
         self._v_max = safety.velocity_bounds(self._joint_limits)
 
-    def filter_velocity(self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, v: Array) -> FilterResult:
+    def filter_velocity(
+        self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, in_contact: Mask, v: Array
+    ) -> FilterResult:
         """The nominal velocity within its bounds: DynWBC looks after the barriers."""
         return FilterResult(self._bounded(v_des), FilterStatus.UNCHANGED, 0.0, -1, 0)
 

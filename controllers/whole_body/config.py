@@ -10,6 +10,7 @@ from robots.checks import require_between, require_non_negative, require_one_of,
 from robots.errors import ConfigError
 from robots.messages import Array
 from safety.barriers.rows import FAMILIES
+from safety.filters import own_parameters
 from safety.filters.adaptation import AdaptationTuning
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.recovery import RecoverySettings
@@ -135,6 +136,7 @@ class FilterTuning:
         for name in ("velocity_scale", "base_linear", "base_angular", "recovery_acceleration"):
             require_positive(name, getattr(self, name))
         require_between("velocity_scale", self.velocity_scale, 0.0, 1.0)
+        own_parameters.check_given(self.own)
 
     def parameters(self) -> BarrierParameters:
         """The families' parameters in the form of the conditions."""

@@ -186,7 +186,7 @@ class WholeBodyController:
     def set_filter(self, name: str, safety: FilterTuning | None = None, adaptive: bool = False) -> None:
         """Take another safety filter from the next tick on, which goes on from the command of the last one.
 
-        One that is not prepared (:meth:`prepare_filter`), and was not at work before, is made here, which takes some ms
+        One that is not prepared (:meth:`prepare_filter`), and was not at work before, is made here, which takes some 30 ms
         and, for its first tick, what :meth:`warm_up` spares.
 
         Args:
@@ -289,12 +289,12 @@ class WholeBodyController:
         marks[3] = clock()
         rows = self._safety.rows(obstacles)
         marks[4] = clock()
-        filtered = strategy.filter_velocity(rows, v_des, self._tasks.jacobians(reference.in_contact), state.v)
+        filtered = strategy.filter_velocity(rows, v_des, self._tasks.jacobians(), reference.in_contact, state.v)
         marks[5] = clock()
         conditions = strategy.conditions(rows, state.v)
         problem = self._dynamics.problem(state, reference, filtered.v, conditions)
         marks[6] = clock()
-        dynamic = self.dynwbc.solve(problem)
+        dynamic = self._dynamics.dynwbc.solve(problem)
         safety = strategy.conclude(filtered, conditions, dynamic, state.v)
         marks[7] = clock()
         self._safety.note(v_des, safety.v)

@@ -16,6 +16,8 @@ from robots.errors import ConfigError, DescriptionError
 from safety.barriers.rows import FAMILIES
 from safety.filters.adaptation import AdaptationTuning
 from safety.filters.conditions import FamilyParameters
+from safety.filters.filter_kind import FilterKind
+from safety.filters.registry import filter_kind
 from wbc.dynwbc import DynWbcWeights
 
 
@@ -31,6 +33,7 @@ TABLES = (
     "tasks",
     "safety",
     "cbf",
+    "filters",
     "adaptation",
     "contact",
     "balance",
@@ -51,7 +54,8 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
         robot: the description; its tables ``tasks``, ``safety``, ``adaptation``, ``contact``, ``dynwbc`` hold fields of
             the classes above, ``controller`` those of :class:`ControllerConfig` itself; ``cbf`` those of the families
             in ``safety`` that are others with the filter ``cbf``, which has no epsilon: its alpha is all that it has
-            against a disturbance.
+            against a disturbance; ``filters`` a table for each filter that brings parameters of its own, by its name,
+            with their values or a table of them for each family.
         changes: fields of :class:`ControllerConfig` that override.
 
     Raises:
@@ -73,6 +77,7 @@ def controller_config(robot: RobotDescription, **changes: Any) -> ControllerConf
     name = changes.get("filter", base.filter)
     if name == "cbf":
         parts["safety"] = alone
+    parts["safety"] = dataclasses.replace(parts["safety"], own=_own_parameters(robot, filter_kind(name)))
     if name != "issf":
         # what the description says of epsilon is of no other filter
         parts["adaptive"] = False
@@ -109,6 +114,20 @@ def _with_families(robot: RobotDescription, table: str, safety: FilterTuning) ->
         f: _family_from(robot, f"{table}.{f}", getattr(safety, f), given) for f, given in values.items()
     }
     return dataclasses.replace(safety, **changed)
+
+
+def _own_parameters(robot: RobotDescription, kind: FilterKind) -> Any:
+    """Parameters that a filter brings along, as the description has them; ``None`` where it has none."""
+    values, table = robot.tuning.get("filters", {}).get(kind.name), f"filters.{kind.name}"
+    if values is None or kind.parameters is None:
+        return None
+    fields = [f.name for f in dataclasses.fields(kind.parameters)]
+    if isinstance(values, Mapping) and set(values) <= set(FAMILIES):
+        for family, part in values.items():
+            _require_known(robot, f"{table}.{family}", part, fields)
+        return {family: dataclasses.replace(kind.parameters, **part) for family, part in values.items()}
+    _require_known(robot, table, values, fields)
+    return dataclasses.replace(kind.parameters, **values)
 
 
 def _family_from(robot: RobotDescription, table: str, default: FamilyParameters, values: Any) -> FamilyParameters:

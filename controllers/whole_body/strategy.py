@@ -18,13 +18,11 @@ class MetricJacobians:
         feet: shape (12, nv) Jacobians of left and right sole.
         balance: shape (l, nv) of the tasks that keep balance.
         hands: shape (m, nv) of the hands' tasks; ``None`` where the hands are no tasks.
-        in_contact: shape (2,) whether each foot is meant to be on the ground.
     """
 
     feet: Array
     balance: Array
     hands: Array | None
-    in_contact: Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,8 +74,18 @@ class SafetyStrategy(Protocol):
         """
         ...
 
-    def filter_velocity(self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, v: Array) -> FilterResult:
-        """The velocity that DynWBC is to follow, for KinWBC's ``v_des`` and the measured ``v``, (nv,) each."""
+    def filter_velocity(
+        self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, in_contact: Mask, v: Array
+    ) -> FilterResult:
+        """The velocity that DynWBC is to follow.
+
+        Args:
+            rows: of the barriers.
+            v_des: shape (nv,) KinWBC's velocity.
+            tasks: what is to be left alone.
+            in_contact: shape (2,) whether each foot is meant to be on the ground.
+            v: shape (nv,) measured velocity.
+        """
         ...
 
     def conditions(self, rows: BarrierRows, v: Array) -> AccelerationConditions | None:

@@ -114,6 +114,10 @@ class TaskStack:
         selection = self._rows[role]
         return None if selection is None else self._kinwbc.jacobian[selection]
 
+    def is_contiguous(self, role: str) -> bool:
+        """Whether :meth:`rows` gives the same view every time."""
+        return not isinstance(self._rows[role], np.ndarray)
+
     def set_singular(self, sigma_min: float, damped: bool, damped_below: Mapping[str, float]) -> None:
         """Treat small singular values in another way.
 

@@ -73,9 +73,11 @@ class VelocityFilter:
             self._adapter.set_parameters(safety.parameters())
         self._swing_share = _swing_share(safety)
 
-    def filter_velocity(self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, v: Array) -> FilterResult:
+    def filter_velocity(
+        self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, in_contact: Mask, v: Array
+    ) -> FilterResult:
         """See :meth:`SafetyStrategy.filter_velocity`."""
-        feet = self._kept(tasks.feet, tasks.in_contact)
+        feet = self._kept(tasks.feet, in_contact)
         if self._adapter is None:
             return self._filter.apply(rows, v_des, feet, tasks.balance, tasks.hands)
         epsilon = self._adapter.epsilon(rows, v)

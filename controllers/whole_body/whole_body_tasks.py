@@ -11,7 +11,7 @@ from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.strategy import MetricJacobians
 from controllers.whole_body.task_stack import PlacedTask, Priority, TaskStack
 from robots.kinematics import Kinematics
-from robots.messages import Array, Mask
+from robots.messages import Array
 from wbc.task_kernels import ACCELERATION_AT, ANGULAR, POSITION_AT, ROTATION_AT, VELOCITY_AT
 from wbc.tasks import (
     CenterOfMassTask,
@@ -73,6 +73,12 @@ class WholeBodyTasks:
         self._compensates = any(p.task.compensate_bias for p in (*standard, *extra))
         tasks = {p.task.name: p.task for p in standard}
         self._com, self._posture = tasks["com"], tasks["posture"]
+        # the same views in every tick, unless a further task stands between those of a role
+        self._jacobians: MetricJacobians | None = None
+        if all(self._stack.is_contiguous(role) for role in ("feet", "balance", "hands")):
+            self._jacobians = self.jacobians()
+        # the CoM's target under the feedback of the DCM
+        self._pendulum = np.zeros(3), np.zeros(3), np.zeros(3)
         # written as they are: every tick sets them all
         rows = {name: task.references for name, task in tasks.items() if isinstance(task, FrameTask)}
         self._foot_rows = [rows[name] for name in FEET]
@@ -94,11 +100,13 @@ class WholeBodyTasks:
         """Whether the kinematics' bias accelerations are needed."""
         return self._compensates
 
-    def jacobians(self, in_contact: Mask) -> MetricJacobians:
+    def jacobians(self) -> MetricJacobians:
         """What the filter is to leave alone, as evaluated last."""
+        if self._jacobians is not None:
+            return self._jacobians
         feet, balance = self._stack.rows("feet"), self._stack.rows("balance")
         assert feet is not None and balance is not None
-        return MetricJacobians(feet, balance, self._stack.rows("hands"), in_contact)
+        return MetricJacobians(feet, balance, self._stack.rows("hands"))
 
     def set_gains(self, config: ControllerConfig) -> None:
         """Take over the gains, bounds and thresholds of a configuration; those of further tasks stay."""
@@ -163,11 +171,12 @@ class WholeBodyTasks:
         (x, y, _), (vx, vy, _), squared = kin.com.tolist(), kin.com_velocity.tolist(), dcm.omega**2
         # eq. (15) turns this velocity into exactly the acceleration of the pendulum
         share = gains.kd / (gains.kd + gains.kp * self._config.dt)
-        self._com.set_target(
-            np.array([x, y, point.position[2]]),
-            np.array([share * vx, share * vy, point.velocity[2]]),
-            np.array([squared * (x - zmp[0]), squared * (y - zmp[1]), point.acceleration[2]]),
-        )
+        position, velocity, acceleration = self._pendulum
+        position[0], position[1], position[2] = x, y, point.position[2]
+        velocity[0], velocity[1], velocity[2] = share * vx, share * vy, point.velocity[2]
+        acceleration[0], acceleration[1] = squared * (x - zmp[0]), squared * (y - zmp[1])
+        acceleration[2] = point.acceleration[2]
+        self._com.set_target(position, velocity, acceleration)
 
 
 def _standard_tasks(kin: Kinematics, config: ControllerConfig, with_hands: bool) -> list[PlacedTask]:

@@ -19,11 +19,33 @@ def check_default(defaults: Any) -> None:
         ConfigError: they are no instance of a frozen dataclass, or a field is no finite number.
     """
     if isinstance(defaults, type) or not dataclasses.is_dataclass(defaults):
-        raise ConfigError("parameters of a filter", defaults, "an instance of a frozen dataclass of numbers")
+        raise ConfigError("own parameters of a filter", defaults, "an instance of a frozen dataclass of numbers")
     if not vars(type(defaults))["__dataclass_params__"].frozen:
-        raise ConfigError("parameters of a filter", type(defaults).__name__, "a frozen dataclass: they are read once")
+        raise ConfigError(
+            "own parameters of a filter", type(defaults).__name__, "a frozen dataclass: they are read once"
+        )
     for field in dataclasses.fields(defaults):
         require_finite(f"{type(defaults).__name__}.{field.name}", getattr(defaults, field.name))
+
+
+def check_given(given: Any) -> None:
+    """Check parameters of a filter that is not known yet.
+
+    Raises:
+        ConfigError: they are neither one instance of a frozen dataclass of numbers nor instances by family.
+    """
+    if given is None:
+        return
+    if isinstance(given, Mapping):
+        require_families(given)
+    for part in given.values() if isinstance(given, Mapping) else (given,):
+        check_default(part)
+
+
+def require_families(parts: Mapping[str, Any]) -> None:
+    """Raise :class:`ConfigError` unless all keys are names of families."""
+    if unknown := sorted(set(parts) - set(FAMILIES)):
+        raise ConfigError("own parameters", unknown, "by family, among " + ", ".join(FAMILIES))
 
 
 def by_family(defaults: Any, given: Any) -> dict[str, Any]:
@@ -41,8 +63,7 @@ def by_family(defaults: Any, given: Any) -> dict[str, Any]:
     if defaults is None:
         raise ConfigError("own parameters", given, "left out: this filter has none")
     parts = dict(given) if isinstance(given, Mapping) else dict.fromkeys(FAMILIES, given)
-    if unknown := sorted(set(parts) - set(FAMILIES)):
-        raise ConfigError("own parameters", unknown, "by family, among " + ", ".join(FAMILIES))
+    require_families(parts)
     for family, part in parts.items():
         if type(part) is not type(defaults):
             raise ConfigError(f"own parameters of {family}", part, f"a {type(defaults).__name__}")

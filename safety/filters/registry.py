@@ -84,6 +84,8 @@ def filter_kind(name: str) -> FilterKind:
     Raises:
         ConfigError: there is no such filter, or the module cannot be found.
     """
+    if not isinstance(name, str):
+        raise ConfigError("filter", name, "a name")
     if (kind := _kinds.get(name)) is not None:
         return kind
     module, _, own = name.rpartition(":")

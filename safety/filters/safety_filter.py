@@ -91,6 +91,7 @@ class SafetyFilter:
     """
 
     __slots__ = (
+        "_answers",
         "_conditions",
         "_limit",
         "_lower",
@@ -118,8 +119,8 @@ class SafetyFilter:
         if not (isinstance(n_rows, int | np.integer) and n_rows >= 0):
             raise ConfigError("n_rows", n_rows, "a whole number, 0 or above")
         self._n_rows = n_rows
-        self._limit = checked_bounds("v_max", v_max)
-        self._lower, nv = -self._limit, self._limit.size
+        self._set_limit(checked_bounds("v_max", v_max))
+        nv = self._limit.size
         bound = self._settings.velocity_max
         if bound is not None and bound.shape != self._limit.shape:
             raise ConfigError("velocity_max", bound, f"{nv} numbers, one per input")
@@ -180,7 +181,11 @@ class SafetyFilter:
         bounds = checked_bounds("v_max", v_max)
         if bounds.shape != self._limit.shape:
             raise ConfigError("v_max", v_max, f"{self._limit.size} numbers, one per input")
+        self._set_limit(bounds)
+
+    def _set_limit(self, bounds: Array) -> None:
         self._limit, self._lower = bounds, -bounds
+        self._answers = Answers(self._settings.order, bounds, self._settings.dt)
 
     def set_recovery(self, recovery: RecoverySettings | None) -> None:
         """Come back from behind a barrier in another way; ``None``: the conditions are strict there."""
@@ -232,21 +237,20 @@ class SafetyFilter:
             ``FAILED`` with the cause.
         """
         jacobians, order = (feet, balance, hands), self._settings.order
-        answers = Answers(order, self._limit, self._settings.dt, velocity)
         # numbers that overflow are looked for where they matter
         with np.errstate(all="ignore"):
             cause = self._objection(rows, v_des, age, velocity, jacobians) or wrong_epsilon(self._n_rows, epsilon)
             if cause:
-                return self._refusal(answers, cause)
+                return self._refusal(cause, velocity)
             if self._conditions.kind.condition is None:
                 if cause := not_finite(order, rows, v_des, velocity):
-                    return self._refusal(answers, cause)
+                    return self._refusal(cause, velocity)
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-            if cause := self.prepare(rows.family):
-                return self._refusal(answers, not_finite(order, rows, v_des, velocity) or cause)
+            if cause := self._conditions.prepare(rows.family):
+                return self._refusal(not_finite(order, rows, v_des, velocity) or cause, velocity)
             own = self._conditions.of_rows
             parameters = own if epsilon is None else replace(own, epsilon=epsilon)
-            result = self._filter(rows, v_des, jacobians, velocity, parameters, answers)
+            result = self._filter(rows, v_des, jacobians, velocity, parameters)
         if self._recovery is not None and not (result.status == FilterStatus.FAILED and result.worst_row < 0):
             self._recovery.note(v_des, result.v)
         return result
@@ -268,10 +272,9 @@ class SafetyFilter:
         jacobians: Jacobians,
         velocity: Array | None,
         parameters: RowParameters,
-        answers: Answers,
     ) -> FilterResult:
         """The result for inputs of the right shapes; ``jacobians``: feet, balance and hands."""
-        lower, upper, s = self._lower, self._limit, self._settings
+        lower, upper, s, answers = self._lower, self._limit, self._settings, self._answers
         if s.order == 2 and velocity is not None:
             lower, upper = acceleration_bounds(self._limit, velocity, s.velocity_max, s.dt)
         spaces = self._conditions.spaces(rows, velocity if s.order == 2 else None, parameters)
@@ -280,7 +283,7 @@ class SafetyFilter:
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
             if cause := not_finite(s.order, rows, v_des, velocity):
-                return self._refusal(answers, cause)
+                return self._refusal(cause, velocity)
         cause = "" if math.isfinite(total) else TOO_LARGE if all_finite(spaces.b) else NOT_FINITE
         asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians, parameters)
         if eased is not None:
@@ -290,16 +293,16 @@ class SafetyFilter:
         elif not cause and room >= 0.0 and not self._acts_when_met(spaces):
             if room >= FAR:
                 return FilterResult(v_des.copy(), FilterStatus.UNCHANGED, 0.0, -1, 0)
-            return answers.found(v_des.copy(), FilterStatus.UNCHANGED, spaces)
+            return answers.found(v_des.copy(), FilterStatus.UNCHANGED, spaces, velocity)
         if cause := cause or self._metric.write(jacobians, parts[4]):
-            return answers.failure(cause, spaces)
+            return answers.failure(cause, spaces, velocity)
         conditions = HalfSpaces(parts[2], parts[3], spaces.active)
         problem = Problem(conditions, parts[4], self._metric.matrix, lower, upper, violated)
         try:
             resolved = self._resolution.resolve(problem, rows)
         except np.linalg.LinAlgError as error:
-            return answers.failure(f"linear equations have no answer: {error}", spaces)
-        return answers.conclude(resolved, asked)
+            return answers.failure(f"linear equations have no answer: {error}", spaces, velocity)
+        return answers.conclude(resolved, asked, velocity)
 
     def _ease(
         self, rows: BarrierRows, spaces: HalfSpaces, v_des: Array, jacobians: Jacobians, parameters: RowParameters
@@ -341,7 +344,7 @@ class SafetyFilter:
         """
         return self._conditions.prepare(family)
 
-    def _refusal(self, answers: Answers, cause: str) -> FilterResult:
+    def _refusal(self, cause: str, velocity: Array | None) -> FilterResult:
         """For inputs of which no conditions can be made: nothing is left to go on from either."""
         self.reset()
-        return answers.refusal(cause)
+        return self._answers.refusal(cause, velocity)

@@ -13,7 +13,7 @@ from controllers.reference import reference_here
 from controllers.whole_body.config import ControllerConfig, FilterTuning
 from controllers.whole_body.controller import WholeBodyController
 from controllers.whole_body.robot_config import controller_config
-from robots.errors import ConfigError
+from robots.errors import ConfigError, DescriptionError
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
 from robots.pinocchio_model import standing_configuration
@@ -91,6 +91,22 @@ def test_own_parameters_are_the_kinds_those_given_or_those_of_each_family(slow: 
     assert answer(approach(0.3)) == pytest.approx(-0.3, abs=1e-9)
     assert answer({"obstacle": approach(0.2)}) == pytest.approx(-0.2, abs=1e-9)
     assert answer({"workspace": approach(0.2)}) == pytest.approx(-0.1, abs=1e-9)
+
+
+def test_a_description_gives_own_parameters_by_filter_and_by_family(slow: dict[str, Any]) -> None:
+    approach, robot = slow["Approach"], load_robot("g1")
+
+    def own(table: object, name: str = "slow") -> Any:
+        described = replace(robot, tuning={**robot.tuning, "filters": {"slow": table}})
+        return controller_config(described, filter=name).safety.own
+
+    assert own({"approach": 0.2}) == approach(0.2)
+    assert own({"obstacle": {"approach": 0.2}}) == {"obstacle": approach(0.2)}
+    assert own({"approach": 0.2}, "issf") is None
+    assert controller_config(robot, filter="slow").safety.own is None
+    for bad in ({"speed": 0.2}, {"obstacle": {"speed": 0.2}}, 0.2):
+        with pytest.raises(DescriptionError, match=r"tuning\.filters\.slow"):
+            own(bad)
 
 
 @dataclass

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from robots.description import RobotDescription
-from robots.errors import ConfigError
+from robots.errors import ConfigError, TargetNotSetError
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
@@ -125,3 +125,90 @@ def test_a_task_of_another_stack_is_refused(robot: RobotDescription) -> None:
     TaskBlock(kin.nv, [[hand]])
     with pytest.raises(ConfigError, match="FramePositionTask"):
         TaskBlock(kin.nv, [[hand]])
+
+
+def unset_tasks(kin: Kinematics) -> list[Task]:
+    frame = kin.frame_id(kin.robot.roles["left_hand"])
+    kinds = FramePositionTask, FrameOrientationTask, FramePoseTask
+    framed = [kind(frame, GAINS, name=f"hand {i}") for i, kind in enumerate(kinds)]
+    return [CenterOfMassTask(GAINS, name="the CoM"), *framed, PostureTask(kin.nv - 6, GAINS, name="rest")]
+
+
+def aim(task: Task) -> None:
+    place, turn = np.array([0.1, 0.2, 0.3]), np.eye(3)
+    if isinstance(task, FramePoseTask):
+        task.set_target(place, turn)
+    elif isinstance(task, FrameOrientationTask):
+        task.set_target(turn)
+    else:
+        task.set_target(place if task.rows == 3 else np.zeros(task.rows))
+
+
+@pytest.mark.parametrize("k", range(5))
+def test_a_target_that_was_never_set_is_an_error_that_names_the_task(robot: RobotDescription, k: int) -> None:
+    """Alone and in a stack, where its references are kept by the block; once it is set, nothing is in the way."""
+    kin = moving(robot)
+    alone, tasks = unset_tasks(kin)[k], unset_tasks(kin)
+    block = TaskBlock(kin.nv, [tasks])
+    for task in tasks:
+        if task is not tasks[k]:
+            aim(task)
+    assert not alone.is_set
+    for evaluate in (lambda: alone.evaluate(kin), lambda: block.evaluate(kin)):
+        with pytest.raises(TargetNotSetError, match=f"'{alone.name}'"):
+            evaluate()
+    aim(tasks[k])
+    aim(alone)
+    assert tasks[k].is_set and np.isfinite(block.evaluate(kin)[0][1]).all()
+    np.testing.assert_array_equal(alone.evaluate(kin)[1], tasks[k].evaluate(kin)[1])
+
+
+def test_half_a_target_of_a_pose_is_none(robot: RobotDescription) -> None:
+    kin = moving(robot)
+    pose = FramePoseTask(kin.frame_id(robot.roles["left_hand"]), GAINS)
+    pose.position = np.zeros(3)
+    with pytest.raises(TargetNotSetError, match="FramePoseTask"):
+        pose.evaluate(kin)
+
+
+def test_targets_of_another_shape_are_refused_by_name(robot: RobotDescription) -> None:
+    """Numpy would stretch one number over all of them."""
+    kin = moving(robot)
+    com, point, turn, pose, rest = unset_tasks(kin)
+    for task, target, part in (
+        (com, (1.0,), "position of task the CoM"),
+        (com, (np.zeros(3), np.zeros(2)), "velocity of task the CoM"),
+        (point, (np.zeros(6),), "position of task hand 0"),
+        (turn, (np.zeros(3),), "rotation of task hand 1"),
+        (pose, (np.zeros(3), np.eye(3), np.zeros(3)), "velocity of task hand 2"),
+        (rest, (np.zeros(3),), "joints of task rest"),
+    ):
+        with pytest.raises(ConfigError, match=part):
+            task.set_target(*target)
+
+
+def test_a_list_is_a_target_and_feed_forward_that_is_left_out_is_zero(robot: RobotDescription) -> None:
+    kin = moving(robot)
+    for task in unset_tasks(kin)[:2]:
+        assert isinstance(task, CenterOfMassTask | FramePositionTask)
+        task.set_target([1, 2, 3], np.ones(3), np.ones(3))  # type: ignore[arg-type]
+        np.testing.assert_array_equal(task.velocity, np.ones(3))
+        task.set_target(np.ones(3))
+        np.testing.assert_array_equal(task.velocity, np.zeros(3))
+        np.testing.assert_array_equal(task.acceleration, np.zeros(3))
+
+
+def test_gains_set_after_the_layout_count(robot: RobotDescription) -> None:
+    kin = moving(robot)
+    tasks = unset_tasks(kin)
+    block = TaskBlock(kin.nv, [tasks])
+    for task in tasks:
+        aim(task)
+    before, other = block.evaluate(kin)[0][1].copy(), TaskGains(2.0, 1e6, 33.0)
+    for task in tasks:
+        task.set_gains(other)
+    after = block.evaluate(kin)[0][1]
+    alone = np.concatenate([task.evaluate(kin)[1] for task in tasks])
+    np.testing.assert_array_equal(after, alone)
+    assert (np.abs(after - before)[:12] > 1e-6).all()
+    np.testing.assert_allclose(after[:3], 2.0 * (np.array([0.1, 0.2, 0.3]) - kin.com), rtol=0, atol=1e-12)

@@ -25,9 +25,13 @@ class CenterOfMassTask(Task):
 
         The arrays are kept, not copied.
         """
-        self._position = self.shaped("position", position, 3)
-        self._velocity = np.zeros(3) if velocity is None else self.shaped("velocity", velocity, 3)
-        self._acceleration = np.zeros(3) if acceleration is None else self.shaped("acceleration", acceleration, 3)
+        # most often those of the last tick, with other numbers
+        if position is not self._position:
+            self._position = self.shaped("position", position, 3)
+        if velocity is not self._velocity:
+            self._velocity = np.zeros(3) if velocity is None else self.shaped("velocity", velocity, 3)
+        if acceleration is not self._acceleration:
+            self._acceleration = np.zeros(3) if acceleration is None else self.shaped("acceleration", acceleration, 3)
 
     @property
     def is_set(self) -> bool:

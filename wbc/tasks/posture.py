@@ -22,7 +22,9 @@ class PostureTask(Task):
 
     def set_target(self, joints: Array) -> None:
         """Go to ``joints`` (nj,) [rad]; the array is kept, not copied."""
-        self._joints = self.shaped("joints", joints, self.rows)
+        # most often that of the last tick, with other numbers
+        if joints is not self._joints:
+            self._joints = self.shaped("joints", joints, self.rows)
 
     @property
     def is_set(self) -> bool:

@@ -10,6 +10,7 @@ import pytest
 
 from experiments.cli import main as cli
 from experiments.metrics.metric import Metric
+from experiments.recording.store import DATA
 from experiments.reports.corridor import write_corridor_report
 from experiments.reports.corridor_table import figure_cell
 from experiments.reports.table import Cell
@@ -103,10 +104,10 @@ def test_a_run_leaves_what_is_needed_to_look_at_it_again(
     arguments = ("--filters", "pssa", NAIVE, "--duration", "0.2", "--gap", "0.15", "--no-report", "--out", "here")
     assert call(tmp_path, monkeypatch, *arguments) == 0
     files = sorted(str(p.relative_to(tmp_path / "here")) for p in (tmp_path / "here").rglob("*") if p.is_file())
-    assert files == ["config.json", "pssa/series.npz", f"{NAIVE}/series.npz", "summary.json"]
-    config = json.loads((tmp_path / "here" / "config.json").read_text())
-    assert config["options"]["gap"] == 0.15
-    summary = json.loads((tmp_path / "here" / "summary.json").read_text())
+    assert files == sorted(["filters.json", *(f"{name}/{file}" for name in ("pssa", NAIVE) for file in DATA)])
+    config = json.loads((tmp_path / "here" / "pssa" / "config.json").read_text())
+    assert config["scenario"]["gap"] == 0.15
+    summary = json.loads((tmp_path / "here" / "filters.json").read_text())
     assert [entry["name"] for entry in summary] == ["pssa", NAIVE]
     with np.load(tmp_path / "here" / "pssa" / "series.npz") as series:
         assert series["q"].shape == (20, 17)

@@ -37,6 +37,8 @@ def add_bodies(spec: mujoco.MjSpec, bodies: Sequence[Shape]) -> None:
         geom = handle.add_geom()
         geom.type, geom.size = TYPES[body.kind], [*body.size, 0.0, 0.0][:3]
         geom.contype, geom.conaffinity = CONTACT_BIT, 0
+        # as stiff as the soles on the ground
+        geom.solref = [0.005, 1.0]
         geom.rgba = [0.6, 0.6, 0.62, 1.0]
 
 

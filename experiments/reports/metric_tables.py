@@ -1,9 +1,10 @@
 """Tables of figures: a row for each run, or the runs side by side."""
 
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import groupby
 from typing import Any
 
-from experiments.metrics.metric import Metric, known_metrics
+from experiments.metrics.metric import GROUPS, Metric, known_metrics
 from experiments.recording.plain import plain
 from experiments.recording.recording import RunResult, run_title
 from experiments.reports.table import Cell, Column, Row, Table
@@ -23,15 +24,25 @@ def _all_words(values: Sequence[Any]) -> bool:
 
 
 def runs_table(results: Sequence[RunResult]) -> Table:
-    """The summaries of runs side by side: a column for each run, a row for each figure that one of them has."""
-    lines = ((figure, [plain(v) for v in values]) for figure, values in known_metrics(results))
-    return side_by_side([run_title(r) for r in results], lines)
+    """The summaries of runs side by side: a column for each run, a row for each metric that one of them has.
+
+    Metrics of a group stand under its name.
+    """
+    rows: list[Row] = []
+    for group, lines in groupby(known_metrics(results), key=lambda line: line[0].group):
+        rows.append(Row((GROUPS[group],), bold=True, section=True))
+        rows += [_line(metric, [plain(v) for v in values]) for metric, values in lines]
+    return Table((Column("", words=True), *(Column(run_title(r)) for r in results)), tuple(rows))
 
 
 def side_by_side(headings: Sequence[str], lines: Iterable[tuple[Metric, Sequence[Any]]]) -> Table:
     """A column under each of the ``headings``; of each line the figure and its value in every column."""
-    rows = (Row((figure.words, *(_cell(figure, v) for v in values)), figure.unit) for figure, values in lines)
-    return Table((Column("", words=True), *map(Column, headings)), tuple(rows))
+    rows = tuple(_line(figure, values) for figure, values in lines)
+    return Table((Column("", words=True), *map(Column, headings)), rows)
+
+
+def _line(figure: Metric, values: Sequence[Any]) -> Row:
+    return Row((figure.words, *(_cell(figure, v) for v in values)), figure.unit)
 
 
 def _cell(figure: Metric, value: Any) -> Cell:

@@ -21,7 +21,7 @@ from experiments.running.reference_motion import reference_motion
 from experiments.running.world import RunWorld, World
 from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.registry import SCENARIOS, reference_to
-from experiments.scenarios.resolve import LAYERED, READERS, control_config, plant_config
+from experiments.scenarios.resolve import control_config, plant_config, reads
 from experiments.scenarios.scenario import Runnable, Scenario, Setup
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
@@ -184,9 +184,9 @@ def _head(given: Prepared, cause: str | None, stopped_at: float) -> dict[str, An
         "robot": given.robot.name,
         "filter": control.filter,
         "mass_scale": given.plant.changes.mass_scale,
-        "alpha": pairs.alpha if control.filter in READERS["alpha"] else None,
-        "epsilon": pairs.epsilon if control.filter in READERS["epsilon"] else None,
-        "layer": pairs.layer if control.filter in LAYERED else None,
+        "alpha": pairs.alpha if reads(control.filter, "alpha") else None,
+        "epsilon": pairs.epsilon if reads(control.filter, "epsilon") else None,
+        "layer": pairs.layer if reads(control.filter, "layer") else None,
         "seed": scenario.seed if scenario.is_random(given.robot) else None,
         "pushes": [f"{p.force:.3g} N towards {p.direction:.3g} deg at {p.time:.3g} s" for p in pushes],
         "stop_cause": cause,

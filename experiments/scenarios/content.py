@@ -134,7 +134,8 @@ def _is_required(field: dataclasses.Field[Any]) -> bool:
 
 def _kind_of(kind: type) -> str | None:
     """What tables of this class say under ``kind``; ``None`` for a class that is told by its place."""
-    return None if KIND in getattr(kind, "__dataclass_fields__", {}) else getattr(kind, KIND, None)
+    own = dataclasses.is_dataclass(kind) and KIND not in {f.name for f in dataclasses.fields(kind)}
+    return getattr(kind, KIND, None) if own else None
 
 
 def _value(hint: Any, value: Any, name: str) -> Any:

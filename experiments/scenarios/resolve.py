@@ -13,6 +13,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.mujoco_spec import PhysicalChanges
 from safety.barriers.rows import FAMILIES
+from safety.filters.registry import FILTERS
 from sims.plant import PlantConfig, SensorNoise
 
 STANDARD_NOISE = SensorNoise(
@@ -29,7 +30,12 @@ LAYERED = ("ssa", "rssa", "pssa", "sss")
 """Filters whose conditions switch on at a margin, and may do so over a layer."""
 
 READERS = {"alpha": ("cbf", "issf", "ecbf"), "epsilon": ("issf",), "layer": LAYERED}
-"""Filters whose condition reads each parameter; it has no effect on the others."""
+"""Filters of the project whose condition reads each parameter; it has no effect on its others."""
+
+
+def reads(filter_name: str, parameter: str) -> bool:
+    """Whether a parameter, one of ``READERS``, has an effect on a filter; on one from outside the project it may."""
+    return filter_name in READERS[parameter] or filter_name not in FILTERS
 
 
 def plant_config(options: PlantOptions) -> PlantConfig:
@@ -79,7 +85,7 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
 def _refuse_without_effect(options: FilterOptions) -> None:
     for name, readers in READERS.items():
         value = getattr(options, name)
-        if value is not None and options.filter not in readers:
+        if value is not None and not reads(options.filter, name):
             raise ConfigError(
                 name, value, f"left out with --filter {options.filter}: only {', '.join(readers)} read it"
             )

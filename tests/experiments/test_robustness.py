@@ -151,7 +151,7 @@ def test_a_run_counts_as_below_where_any_barrier_was(
 ) -> None:
     heights = {f"min_h_{key}": None if key == "obstacle_m" else 0.02 for key in BARRIERS} | {f"min_h_{barrier}": least}
     ended = {"fell": False, "stop_cause": None, "hand_rmse_m": 0.01, "hand_rmse_outside_conflict_m": 0.01}
-    monkeypatch.setattr(study, "_result", lambda *args: SimpleNamespace(summary=heights | ended))
+    monkeypatch.setattr(study, "run", lambda scenario: SimpleNamespace(summary=heights | ended))
     line = RobustnessTask("g1", "circles", 1, "own", FilterOptions())()
     assert line["below"] is below
     assert line[f"min_h_{barrier}"] == least

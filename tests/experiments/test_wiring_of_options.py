@@ -6,7 +6,9 @@ from typing import Any
 import mujoco
 import numpy as np
 import pytest
+from numpy.random import default_rng
 
+from controllers.obstacle_tracker import ObstacleTracker
 from controllers.whole_body.robot_config import controller_config
 from experiments.running.run import prepare, run
 from experiments.running.world import World
@@ -190,12 +192,14 @@ def encountered(**seen: Any) -> tuple[World, Obstacle, ObstacleTrack]:
     sensor = Sensor(**seen)
     sphere = passing_sphere(load_robot("g1"), Passage(), sensor)
     world = World([sphere], seed=3)
-    belief, twin = world.belief(), PositionSensor(sensor.rate, sensor.noise, np.random.default_rng([3, 1]))
+    tracker, twin = ObstacleTracker(world.tracking()), PositionSensor(sensor.rate, sensor.noise, default_rng([3, 1]))
     track = ObstacleTrack(TrackerSettings(position_noise=sensor.noise))
     for t in SENSED:
-        assert belief.sense(t) is None
+        for detection in world.detections(t):
+            tracker.observe(detection)
+        assert tracker.fault(t) is None
         track.measure(twin.measure(sphere.motion.motion().position(t), t), t)
-    (believed,) = belief.obstacles(SENSED[-1])
+    (believed,) = tracker.obstacles(SENSED[-1]).values()
     return world, believed, track
 
 

@@ -16,7 +16,6 @@ from experiments.scenarios.options import (
     DoctorOptions,
     OutputOptions,
     ReplayOptions,
-    TableOptions,
 )
 from experiments.scenarios.registry import SCENARIOS, own_scenario
 from experiments.scenarios.scenario import Scenario
@@ -25,6 +24,7 @@ from experiments.studies.study_options import (
     PushSearchOptions,
     RandomWalksOptions,
     RobustnessOptions,
+    TableOptions,
     TuneOptions,
 )
 from robots.errors import SafeWbcError

@@ -25,6 +25,10 @@ class ConfigError(SafeWbcError, ValueError):
         return type(self), (self.name, self.value, self.allowed)
 
 
+class WithoutEffectError(ConfigError):
+    """A setting was given that has no effect beside the others: what is allowed is to leave it out."""
+
+
 class DescriptionError(SafeWbcError, ValueError):
     """A robot description cannot be used.
 

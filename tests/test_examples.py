@@ -28,6 +28,7 @@ PROMISES: dict[str, tuple[dict[str, Any], Callable[[Any], bool]]] = {
     "own_task": ({"duration": 2.0}, lambda error: error < 15.0),
     "pushes": ({"duration": 1.8, "forces": (50.0, 600.0)}, lambda found: found[0][0] > 0.95 and found[1][0] < 0.6),
     "read_recording": ({"duration": 1.0}, lambda rms: 0.0 < rms < 30.0),
+    "sweep": ({"duration": 3.0, "masses": (1.2,), "jobs": 1}, lambda found: found[0] < 0.0 < found[1]),
     "stand": ({"duration": 1.0}, lambda error: error < 10.0),
     "walk_by_commands": ({"duration": 3.0}, lambda found: found[0] > 0.2 and found[1] >= 3),
 }

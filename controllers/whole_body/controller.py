@@ -186,8 +186,8 @@ class WholeBodyController:
     def set_filter(self, name: str, safety: FilterTuning | None = None, adaptive: bool = False) -> None:
         """Take another safety filter from the next tick on, which goes on from the command of the last one.
 
-        One that is not prepared (:meth:`prepare_filter`), and was not at work before, is made here, which takes some 30 ms
-        and, for its first tick, what :meth:`warm_up` spares.
+        One that is not prepared (:meth:`prepare_filter`), and was not at work before, is made here, which takes some 30
+        ms and, for its first tick, what :meth:`warm_up` spares.
 
         Args:
             name: of the filter.

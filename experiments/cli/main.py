@@ -16,17 +16,19 @@ from experiments.scenarios.options import (
     DoctorOptions,
     OutputOptions,
     ReplayOptions,
-    TableOptions,
 )
 from experiments.scenarios.registry import SCENARIOS, own_scenario
 from experiments.scenarios.scenario import Scenario
+from experiments.studies.pivot import PivotOptions
 from experiments.studies.study_options import (
     LocomotionTableOptions,
     PushSearchOptions,
     RandomWalksOptions,
     RobustnessOptions,
+    TableOptions,
     TuneOptions,
 )
+from experiments.studies.sweep_options import SweepOptions, sweep_command
 from robots.errors import SafeWbcError
 
 DESCRIPTION = (
@@ -89,6 +91,8 @@ def command_line(own: str | None = None) -> Any:
     return (
         Annotated[DemoOptions, tyro.conf.subcommand("demo")]
         | Annotated[run_command(own), tyro.conf.subcommand("run")]
+        | Annotated[sweep_command(own), tyro.conf.subcommand("sweep")]
+        | Annotated[PivotOptions, tyro.conf.subcommand("pivot")]
         | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
         | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
         | Annotated[TableOptions, tyro.conf.subcommand("table")]
@@ -114,8 +118,9 @@ def main() -> None:
 
 
 def named_in(arguments: Sequence[str]) -> str | None:
-    """The ``module:Class`` that ``safewbc run`` is asked for, if it is."""
-    return arguments[1] if len(arguments) > 1 and arguments[0] == "run" and ":" in arguments[1] else None
+    """The ``module:Class`` that ``safewbc run`` or ``sweep`` is asked for, if it is."""
+    asked = len(arguments) > 1 and arguments[0] in ("run", "sweep")
+    return arguments[1] if asked and ":" in arguments[1] else None
 
 
 COMMANDS: dict[type, str] = {
@@ -123,6 +128,7 @@ COMMANDS: dict[type, str] = {
     CorridorOptions: "studies.corridor:corridor",
     DemoOptions: "cli.demo:demo",
     LocomotionTableOptions: "studies.locomotion_table:locomotion_table",
+    PivotOptions: "studies.pivot:show_pivot",
     PushSearchOptions: "studies.pushes:pushes",
     RandomWalksOptions: "studies.random_walks:random_walks",
     ReplayOptions: "recording.replay:replay",
@@ -145,5 +151,9 @@ def dispatch(command: object) -> int:
         from experiments.cli.console import run_and_save
 
         return run_and_save(options.scenario, options.output)
+    if isinstance(options, SweepOptions):
+        from experiments.studies.sweep import sweep
+
+        return sweep(options)
     module, name = COMMANDS[type(options)].split(":")
     return int(getattr(import_module(f"experiments.{module}"), name)(options))

@@ -86,8 +86,12 @@ class Metric:
 
 def column(key: str, heading: str) -> Metric:
     """The metric of this key under a shorter heading; one that is shown as it is where the key is none."""
-    known = next((m for m in _declared() if m.key == key), Metric(key, heading))
-    return replace(known, words=heading)
+    return replace(declared(key) or Metric(key, heading), words=heading)
+
+
+def declared(key: str) -> Metric | None:
+    """The metric of this key; ``None`` where the project declares none."""
+    return next((m for m in _declared() if m.key == key), None)
 
 
 def known_metrics(results: Sequence[Summarised]) -> Iterator[tuple[Metric, list[Any]]]:

@@ -7,15 +7,15 @@ from typing import Annotated, Any, Literal
 
 import tyro
 
-from robots.errors import ConfigError
+from robots.errors import WithoutEffectError
 
 
 def refuse_without(options: Any, given: bool, names: Sequence[str], needed: str) -> None:
-    """Raise :class:`ConfigError` where one of the fields ``names`` is set and what they need is not ``given``."""
+    """Raise :class:`WithoutEffectError` where one of the fields ``names`` is set without what they need, ``given``."""
     for field_ in fields(options):
         value = getattr(options, field_.name)
         if not given and field_.name in names and value != field_.default:
-            raise ConfigError(field_.name, value, f"left out without {needed}: it has no effect")
+            raise WithoutEffectError(field_.name, value, f"left out without {needed}: it has no effect")
 
 
 @dataclass(frozen=True)
@@ -156,23 +156,6 @@ class BenchOptions:
     """Only with tick, rows and worst: QP solver of DynWBC: daqp or proxqp."""
     out: Path | None = None
     """Write the figures as JSON to this file too; of tracking, recovery and straight also a plot, as PNG beside it."""
-
-
-@dataclass(frozen=True)
-class TableOptions:
-    """Make every run that a page of the documentation quotes, and print its tables.
-
-    Some minutes on two cores.
-    """
-
-    what: tyro.conf.Positional[Literal["results", "safety", "friction"]] = "results"
-    """Which page's: docs/results.md or docs/safety.md; friction: what docs/safety.md says of dry friction."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder of the runs, each in a folder of its own; runs/table-<time> if not given."""
-    overwrite: bool = False
-    """Write over runs that the folder holds already."""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario, Setup
 from robots.checks import require_between
 from robots.description import RobotDescription
-from robots.errors import ConfigError
+from robots.errors import ConfigError, WithoutEffectError
 from robots.mujoco_spec import PhysicalChanges
 from safety.barriers.rows import FAMILIES
 from safety.filters.registry import FILTERS
@@ -86,7 +86,7 @@ def _refuse_without_effect(options: FilterOptions) -> None:
     for name, readers in READERS.items():
         value = getattr(options, name)
         if value is not None and not reads(options.filter, name):
-            raise ConfigError(
+            raise WithoutEffectError(
                 name, value, f"left out with --filter {options.filter}: only {', '.join(readers)} read it"
             )
 

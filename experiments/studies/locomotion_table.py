@@ -1,25 +1,20 @@
 """The tables of the page on locomotion: every run that it quotes, made anew."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
-from rich.console import Console
-
-from experiments.cli.console import results_folder
-from experiments.reports.metric_tables import rows_table
-from experiments.reports.table import show
-from experiments.running.pool import Row, RunTask, in_parallel
 from experiments.running.run import prepare
-from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions
-from experiments.studies.locomotion_tables import StudyTable, chosen_tables
+from experiments.scenarios.scenario import Scenario
+from experiments.studies.command import command_line, study_folder
+from experiments.studies.locomotion_tables import chosen_tables
+from experiments.studies.runs import Run
+from experiments.studies.sections import Section, print_sections
 from experiments.studies.study_options import SECTIONS, LocomotionTableOptions
 from robots.checks import require_between, require_one_of
 from robots.errors import ConfigError
-from robots.loader import load_robot
 
 
 def locomotion_table(options: LocomotionTableOptions) -> int:
-    """Make every run of the chosen sections, print their tables, save the runs; returns 0.
+    """Make every run of the chosen sections, print their tables; returns 0, or 1 where runs failed.
 
     Times of a tick are measured after all else, by one process alone.
 
@@ -27,23 +22,13 @@ def locomotion_table(options: LocomotionTableOptions) -> int:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     check_locomotion_table(options)
-    console = Console(stderr=True, markup=False, soft_wrap=True)
-    with results_folder(OutputOptions(out=options.out), "locomotion-table") as folder:
-        tables = chosen_tables(options, folder)
-        _check_runs(tables)
-        # once, here: otherwise every process would compile the same kernels
-        warm_up(console, load_robot("g1"))
-        shared = [table for table in tables if not table.alone]
-        done = in_parallel([task for table in shared for task in table.tasks], options.jobs, console)
-        for table in shared:
-            _print_table(table, [next(done) for _ in table.tasks], console)
-        # to its end: the processes then go
-        list(done)
-        for table in tables:
-            if table.alone:
-                _print_table(table, list(in_parallel(table.tasks, 1, console)), console)
-    console.print(f"runs: {folder}")
-    return 0
+    sections = chosen_tables(options)
+    # half an hour later would be a bad time to refuse one
+    for scenario in scenarios_of(sections):
+        prepare(scenario)
+    folder = study_folder(options.work.out, "locomotion-table")
+    command = command_line("run locomotion-table", options, folder)
+    return print_sections(sections, "tables on locomotion", "g1", options.work, folder, command)
 
 
 def check_locomotion_table(options: LocomotionTableOptions) -> None:
@@ -56,18 +41,12 @@ def check_locomotion_table(options: LocomotionTableOptions) -> None:
         raise ConfigError("only", options.only, "at least one of " + ", ".join(SECTIONS))
     for name in options.only:
         require_one_of("only", name, SECTIONS)
-    require_between("jobs", options.jobs, 1, 64)
+    require_between("jobs", options.work.jobs, 1, 64)
 
 
-def _check_runs(tables: Sequence[StudyTable]) -> None:
-    """Every run's options, before the first one: half an hour later would be a bad time to refuse one."""
-    for table in tables:
-        for task in table.tasks:
-            if isinstance(task, RunTask):
-                prepare(task.options)
-
-
-def _print_table(table: StudyTable, rows: Sequence[Row], console: Console) -> None:
-    show(rows_table(rows, table.columns, table.title, "" if table.note is None else table.note(rows)))
-    seconds = sum(r["cpu_s"] for r in rows)
-    console.print(f"{table.title}: {len(rows)} lines, {seconds:.0f} s of processor time")
+def scenarios_of(sections: Sequence[Section]) -> Iterator[Scenario]:
+    """The scenarios of all cases that are one run each."""
+    for section in sections:
+        for case in section.cases:
+            if isinstance(case.evaluate, Run) and isinstance(case.evaluate.scenario, Scenario):
+                yield case.evaluate.scenario

@@ -1,22 +1,21 @@
 """What the tables on locomotion are made of: runs and searches, and the columns to show."""
 
 import itertools
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 from experiments.metrics.metric import Metric, column
-from experiments.running.pool import Row, RunTask, Task
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
-from experiments.studies.pushes import PUSH_COLUMNS, push_tasks
-from experiments.studies.random_walks import RANDOM_WALK_COLUMNS, falls, random_walk_tasks
-from experiments.studies.speed import SPEED_COLUMNS, WALK_TIME, fastest_walk
+from experiments.studies.case import Case
+from experiments.studies.pushes import PUSH_COLUMNS, push_cases
+from experiments.studies.random_walks import RANDOM_WALK_COLUMNS, falls, random_walk_cases
+from experiments.studies.runs import run_case
+from experiments.studies.sections import Section
+from experiments.studies.speed import SPEED_COLUMNS, WALK_TIME, FastestWalk
 from experiments.studies.study_options import LocomotionTableOptions, PushSearchOptions, RandomWalksOptions
 
 ROBOTS = ("g1", "tocabi")
@@ -88,27 +87,8 @@ TICK_COLUMNS = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class StudyTable:
-    """One table.
-
-    Attributes:
-        title: above it.
-        tasks: one a line.
-        columns: to show.
-        note: a sentence below it, from its lines.
-        alone: whether its tasks are run by one process while no other runs.
-    """
-
-    title: str
-    tasks: Sequence[Task]
-    columns: tuple[Metric, ...]
-    note: Callable[[Sequence[Row]], str] | None = None
-    alone: bool = False
-
-
-def chosen_tables(options: LocomotionTableOptions, folder: Path) -> list[StudyTable]:
-    """The tables of the chosen sections, their runs in folders below ``folder``."""
+def chosen_tables(options: LocomotionTableOptions, below: str = "") -> list[Section]:
+    """The tables of the chosen sections, the runs of each in folders ``below`` one of its own."""
     makers = {
         "taichi": taichi_table,
         "lateral-steps": lateral_table,
@@ -119,7 +99,7 @@ def chosen_tables(options: LocomotionTableOptions, folder: Path) -> list[StudyTa
         "random-walks": random_table,
         "ticks": tick_table,
     }
-    return [make(options, folder / name) for name, make in makers.items() if name in options.only]
+    return [make(options, f"{below}{name}/") for name, make in makers.items() if name in options.only]
 
 
 def robots(options: LocomotionTableOptions) -> tuple[str, ...]:
@@ -132,95 +112,95 @@ def masses(options: LocomotionTableOptions) -> tuple[float, ...]:
     return MASS_SCALES[:1] if options.quick else MASS_SCALES
 
 
-def taichi_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def taichi_table(options: LocomotionTableOptions, below: str) -> Section:
     """On one leg: masses and grounds, then without filter, then without DynWBC's torques."""
     variants = [("issf", "full", mass, mu) for mass in (0.9, 1.0, 1.2) for mu in (0.5, 1.0)]
     variants += [("none", "full", mass, 1.0) for mass in MASS_SCALES]
     variants += [("issf", torque, 1.0, 1.0) for torque in ("pd-only", "gravity")]
     if options.quick:
         variants = variants[-2:-1]
-    tasks = []
+    found = []
     for robot, (name, torque, mass, mu) in itertools.product(robots(options), variants):
         plant, safety = PlantOptions(mass_scale=mass, friction=mu), FilterOptions(filter=name)
         run = Taichi(robot=robot, torque=torque, plant=plant, safety=safety)
-        place = folder / f"{robot}-{name}-{torque}-mass-{mass:g}-friction-{mu:g}"
-        tasks.append(RunTask(run, place, {"torque": torque, "friction": mu}, options.series))
-    return StudyTable("Standing on one leg, hands to far targets (TAICHI), 30 s", tasks, TAICHI_COLUMNS)
+        place = f"{below}{robot}-{name}-{torque}-mass-{mass:g}-friction-{mu:g}"
+        found.append(run_case(run, {"torque": torque, "friction": mu}, place, options.series))
+    return Section("Standing on one leg, hands to far targets (TAICHI), 30 s", found, TAICHI_COLUMNS)
 
 
-def lateral_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def lateral_table(options: LocomotionTableOptions, below: str) -> Section:
     """Side steps whose footholds collide."""
     variants = itertools.product(
         robots(options), ("issf", "cbf", "none"), MASS_SCALES[:1] if options.quick else MASS_SCALES
     )
-    tasks = [
-        RunTask(
+    found = [
+        run_case(
             LateralSteps(robot=robot, plant=PlantOptions(mass_scale=mass), safety=FilterOptions(filter=name)),
-            folder / f"{robot}-{name}-mass-{mass:g}",
             {},
+            f"{below}{robot}-{name}-mass-{mass:g}",
             options.series,
         )
         for robot, name, mass in variants
     ]
-    return StudyTable("Side steps to footholds that collide", tasks, LATERAL_COLUMNS)
+    return Section("Side steps to footholds that collide", found, LATERAL_COLUMNS)
 
 
-def walk_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def walk_table(options: LocomotionTableOptions, below: str) -> Section:
     """Walks of a minute."""
     gaits = {"forward": GAITS["forward"]} if options.quick else GAITS
     duration = 10.0 if options.quick else 60.0
-    tasks = []
+    found = []
     for robot, (gait, how), mass in itertools.product(robots(options), gaits.items(), MASS_SCALES):
         run = Walk(robot=robot, duration=duration, plant=PlantOptions(mass_scale=mass), **how)
-        place = folder / f"{robot}-{gait}-mass-{mass:g}".replace(" ", "-")
-        tasks.append(RunTask(run, place, {"gait": gait}, options.series))
-    return StudyTable(f"Walks of {duration:g} s", tasks, WALK_COLUMNS)
+        place = f"{below}{robot}-{gait}-mass-{mass:g}".replace(" ", "-")
+        found.append(run_case(run, {"gait": gait}, place, options.series))
+    return Section(f"Walks of {duration:g} s", found, WALK_COLUMNS)
 
 
-def speed_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def speed_table(options: LocomotionTableOptions, below: str) -> Section:
     """The fastest walks."""
     duration = 10.0 if options.quick else WALK_TIME
     pairs = itertools.product(robots(options), masses(options))
-    tasks = [partial(fastest_walk, robot, mass, duration, folder) for robot, mass in pairs]
-    return StudyTable(f"Fastest walk forward, {duration:g} s", tasks, SPEED_COLUMNS)
+    found = [FastestWalk(robot, mass, duration, below).case() for robot, mass in pairs]
+    return Section(f"Fastest walk forward, {duration:g} s", found, SPEED_COLUMNS)
 
 
-def push_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def push_table(options: LocomotionTableOptions, below: str) -> Section:
     """The strongest pushes."""
     search = PushSearchOptions(robots=robots(options))
     if options.quick:
         search = PushSearchOptions(robots=robots(options), stances=("standing",), resolution=0.1)
-    return StudyTable("Strongest push of 0.1 s at the torso", push_tasks(search, folder), PUSH_COLUMNS)
+    return Section("Strongest push of 0.1 s at the torso", push_cases(search, below), PUSH_COLUMNS)
 
 
-def obstacle_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def obstacle_table(options: LocomotionTableOptions, below: str) -> Section:
     """Past a sphere."""
     variants = [("issf", 1.0), ("none", 1.0)] + ([] if options.quick else [("issf", 1.2)])
-    tasks = []
+    found = []
     for robot, kind, (name, mass) in itertools.product(robots(options), ("static", "moving"), variants):
         plant, safety = PlantOptions(mass_scale=mass), FilterOptions(filter=name)
         run = Walk(robot=robot, duration=14.0, obstacle=kind, plant=plant, safety=safety)
-        place = folder / f"{robot}-{kind}-{name}-mass-{mass:g}"
-        tasks.append(RunTask(run, place, {"obstacle": kind}, options.series))
-    return StudyTable("Walking past a sphere, 0.2 m/s", tasks, OBSTACLE_COLUMNS)
+        place = f"{below}{robot}-{kind}-{name}-mass-{mass:g}"
+        found.append(run_case(run, {"obstacle": kind}, place, options.series))
+    return Section("Walking past a sphere, 0.2 m/s", found, OBSTACLE_COLUMNS)
 
 
-def random_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def random_table(options: LocomotionTableOptions, below: str) -> Section:
     """Random walks of the G1."""
     study = RandomWalksOptions(runs=4, duration=8.0) if options.quick else RandomWalksOptions()
     title = f"{study.runs} random walks of {study.duration:g} s, {study.robot}"
-    return StudyTable(title, random_walk_tasks(study, folder), RANDOM_WALK_COLUMNS, falls)
+    return Section(title, random_walk_cases(study, below), RANDOM_WALK_COLUMNS, falls)
 
 
-def tick_table(options: LocomotionTableOptions, folder: Path) -> StudyTable:
+def tick_table(options: LocomotionTableOptions, below: str) -> Section:
     """Times of a tick; in TAICHI up to four seconds on one leg."""
-    tasks: list[Task] = []
+    found: list[Case] = []
     for robot in robots(options):
         runs: dict[str, Scenario] = {"walking": Walk(robot=robot, duration=10.0)}
         if not options.quick:
             runs["one leg"] = Taichi(robot=robot, duration=16.0)
-        tasks += [
-            RunTask(run, folder / f"{robot}-{name}".replace(" ", "-"), {"run": name}, options.series)
+        found += [
+            run_case(run, {"run": name}, f"{below}{robot}-{name}".replace(" ", "-"), options.series, alone=True)
             for name, run in runs.items()
         ]
-    return StudyTable("Time of a tick, one process alone", tasks, TICK_COLUMNS, alone=True)
+    return Section("Time of a tick, one process alone", found, TICK_COLUMNS)

@@ -1,29 +1,25 @@
 """The strongest push of 0.1 s at the torso that a robot survives: standing, on one leg, walking."""
 
 import itertools
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
-
-from rich.console import Console
 
 from controllers.gaits.walking import walk_tuning
-from experiments.cli.console import results_folder
 from experiments.metrics.metric import Metric
-from experiments.recording.recording import RunResult, save_result
-from experiments.reports.metric_tables import rows_table
-from experiments.reports.table import show
-from experiments.running.pool import Row, in_parallel
-from experiments.running.run import prepare, run
-from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions, PlantOptions
+from experiments.running.run import prepare
+from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.pushed import SPEED, Pushed
 from experiments.scenarios.pushes import DIRECTIONS, PUSH_TIME, Push
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
+from experiments.studies.case import Case, content_key
+from experiments.studies.command import command_line, study_folder
+from experiments.studies.runs import run_case
+from experiments.studies.search import Bracket, largest_that_holds
+from experiments.studies.sections import Entries, Section, print_sections
+from experiments.studies.store import RowStore, sound
 from experiments.studies.study_options import STANCES, PushSearchOptions
 from robots.checks import require_between, require_one_of
 from robots.errors import ConfigError
@@ -82,19 +78,16 @@ class PushCase:
 
 
 def pushes(options: PushSearchOptions) -> int:
-    """Search, print the table, save configuration and summary of each run; returns 0.
+    """Search, and print the table; returns 0, or 1 where a search failed.
 
     Raises:
         ConfigError: an option is not allowed; nothing has run then.
     """
     check_pushes(options)
-    console = Console(stderr=True, markup=False, soft_wrap=True)
-    with results_folder(OutputOptions(out=options.out), "pushes") as folder:
-        warm_up(console, load_robot(options.robots[0]))
-        rows = list(in_parallel(push_tasks(options, folder), options.jobs, console))
-    show(rows_table(rows, PUSH_COLUMNS))
-    console.print(f"runs: {folder}")
-    return 0
+    folder = study_folder(options.work.out, "pushes")
+    section = Section("", push_cases(options), PUSH_COLUMNS)
+    command = command_line("run pushes", options, folder)
+    return print_sections([section], "pushes", options.robots[0], options.work, folder, command)
 
 
 def check_pushes(options: PushSearchOptions) -> None:
@@ -115,15 +108,15 @@ def check_pushes(options: PushSearchOptions) -> None:
         raise ConfigError("robots", options.robots, "at least one robot")
     require_between("resolution", options.resolution, 1e-3, 1.0)
     require_between("largest", options.largest, options.resolution, 5.0)
-    require_between("jobs", options.jobs, 1, 64)
+    require_between("jobs", options.work.jobs, 1, 64)
     for robot in options.robots:
         prepare(Stand(robot=robot, plant=PlantOptions(mass_scale=options.mass_scale)))
 
 
-def push_tasks(options: PushSearchOptions, folder: Path) -> list[Callable[[], Row]]:
-    """One search for each robot, stance and direction; those that take longest first."""
+def push_cases(options: PushSearchOptions, below: str = "") -> list[Case]:
+    """One search for each robot, stance and direction, those that take longest first; runs ``below`` another folder."""
     return [
-        partial(search, cases(robot, stance, direction, options.mass_scale), direction, options, folder)
+        PushSearch(robot, stance, direction, options.mass_scale, options.resolution, options.largest, below).case()
         for stance in sorted(options.stances, key=STANCES.index, reverse=True)
         for robot in options.robots
         for direction in options.directions
@@ -140,33 +133,72 @@ def cases(robot: str, stance: str, direction: str, mass_scale: float) -> list[Pu
     return [PushCase(robot, stance, side, time, mass_scale) for time, side in pairs]
 
 
-def search(given: Sequence[PushCase], direction: str, options: PushSearchOptions, folder: Path) -> Row:
-    """Search among pushes of which the worst counts; returns the line of the table."""
-    start, first, count = time.process_time(), given[0], 0
-    mass = true_mass(first)
+@dataclass(frozen=True, slots=True)
+class PushSearch:
+    """Searches the strongest push in one direction that a robot survives, among pushes of which the worst counts.
 
-    def survives(case: PushCase, level: int) -> bool:
-        nonlocal count
-        count += 1
-        result = run_case(case, level * options.resolution * mass / PUSH_TIME)
-        name = f"{case.stance}-{case.direction}-{case.time:g}-{level * options.resolution:.3f}"
-        save_result(result, folder / f"{load_robot(case.robot).name}-mass-{case.mass_scale:g}-{name}", series=False)
-        return not result.summary["fell"] and result.summary["stop_cause"] is None
+    Attributes:
+        robot: name, or path of a description.
+        stance: one of ``STANCES``.
+        direction: one of ``SIDES``.
+        mass_scale: of the simulated robot.
+        resolution: step of the impulses, per mass of the simulated robot [N s/kg].
+        largest: largest impulse, likewise [N s/kg].
+        below: folder of the runs, below that of the study.
+    """
 
-    top = int(options.largest / options.resolution + 1e-9)
-    level, weakest = worst_of(given, top, survives)
-    return {
-        "robot": load_robot(first.robot).name,
-        "stance": first.stance,
-        "direction": direction,
-        "mass_scale": first.mass_scale,
-        "survived": level * options.resolution,
-        "survived_force": level * options.resolution * mass / PUSH_TIME,
-        "first_fall": (level + 1) * options.resolution if level < top else None,
-        "weakest": None if weakest is None else weakest.words,
-        "runs": count,
-        "cpu_s": time.process_time() - start,
-    }
+    robot: str
+    stance: str
+    direction: str
+    mass_scale: float
+    resolution: float
+    largest: float
+    below: str
+
+    def __call__(self, store: RowStore) -> Entries:
+        """Search; every run is a row of its own. Returns what the line of the table shows."""
+        tried: list[Entries] = []
+
+        def survives(case: PushCase, level: int) -> bool:
+            tried.append(sound(store.obtain(self.run(case, level))))
+            return not tried[-1]["fell"] and tried[-1]["stop_cause"] is None
+
+        top = int(self.largest / self.resolution + 1e-9)
+        level, weakest = worst_of(self.pushes(), top, survives)
+        return {
+            "survived": level * self.resolution,
+            "survived_force": self.force(level),
+            "first_fall": (level + 1) * self.resolution if level < top else None,
+            "weakest": None if weakest is None else weakest.words,
+            "runs": len(tried),
+            "cpu_s": sum(entries["cpu_s"] for entries in tried),
+        }
+
+    def pushes(self) -> list[PushCase]:
+        """Those of which the worst counts."""
+        return cases(self.robot, self.stance, self.direction, self.mass_scale)
+
+    def force(self, level: int) -> float:
+        """Force of the push of a level of the grid [N]."""
+        return level * self.resolution * true_mass(self.pushes()[0]) / PUSH_TIME
+
+    def run(self, case: PushCase, level: int) -> Case:
+        """The run with the push of a level of the grid."""
+        name = f"{case.stance}-{case.direction}-{case.time:g}-{level * self.resolution:.3f}"
+        folder = f"{self.below}{load_robot(case.robot).name}-mass-{case.mass_scale:g}-{name}"
+        labels = {"direction": case.direction, "time": case.time, "impulse": level * self.resolution}
+        return run_case(pushed(case, self.force(level)), labels, folder, series=False)
+
+    def case(self) -> Case:
+        """The search as a case."""
+        content = [[self.run(case, 1).key for case in self.pushes()], self.resolution, self.largest, STRIDE]
+        labels = {
+            "robot": load_robot(self.robot).name,
+            "stance": self.stance,
+            "direction": self.direction,
+            "mass_scale": self.mass_scale,
+        }
+        return Case(content_key("push", content), labels, self)
 
 
 def worst_of(
@@ -184,38 +216,11 @@ def worst_of(
     """
     level, weakest, stride = top, None, STRIDE
     for case in given:
-        if (found := largest_survived(partial(survives, case), level, stride)) < level:
+        if (found := largest_that_holds(partial(survives, case), Bracket(level, stride, stride))) < level:
             level, weakest = found, case
         # whether the others survive that too: half of it and all of it
         stride = max(STRIDE, -(-level // 2))
     return level, weakest
-
-
-def largest_survived(survives: Callable[[int], bool], top: int, stride: int = STRIDE) -> int:
-    """Largest level survived before the first one that is not.
-
-    Goes up in strides, then bisects: a fall between two levels a stride apart that are both survived is not found.
-
-    Args:
-        survives: whether a level from 1 to ``top`` is survived.
-        top: highest level to try, 0 or above.
-        stride: levels by which it goes up, 1 or above.
-
-    Returns:
-        From 0, where even the first is not, to ``top``.
-    """
-    low = 0
-    while low < top:
-        high = min(low + stride, top)
-        if not survives(high):
-            break
-        low = high
-    else:
-        return top
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (middle, high) if survives(middle) else (low, middle)
-    return low
 
 
 def true_mass(case: PushCase) -> float:
@@ -223,12 +228,10 @@ def true_mass(case: PushCase) -> float:
     return case.mass_scale * load_robot(case.robot).total_mass
 
 
-def run_case(case: PushCase, force: float) -> RunResult:
-    """One run with a push of ``force`` [N], which ends ``AFTER`` seconds after it."""
+def pushed(case: PushCase, force: float) -> Scenario:
+    """The scenario with a push of ``force`` [N], which ends ``AFTER`` seconds after it."""
     plant, end = PlantOptions(mass_scale=case.mass_scale), case.time + PUSH_TIME + AFTER
     pushes = (Push(force, DIRECTIONS[case.direction], case.time),)
     if case.stance == "one-leg":
-        scenario: Scenario = Taichi(robot=case.robot, duration=end, plant=plant, pushes=pushes)
-    else:
-        scenario = Pushed(robot=case.robot, duration=end, plant=plant, pushes=pushes, activity=case.stance)
-    return run(scenario)
+        return Taichi(robot=case.robot, duration=end, plant=plant, pushes=pushes)
+    return Pushed(robot=case.robot, duration=end, plant=plant, pushes=pushes, activity=case.stance)

@@ -1,25 +1,16 @@
 """Many random walks side by side: who falls, and when."""
 
-import time
 from collections.abc import Sequence
-from functools import partial
-from pathlib import Path
 
-from rich.console import Console
-
-from experiments.cli.console import results_folder
 from experiments.metrics.metric import Metric, column
-from experiments.recording.recording import save_result
-from experiments.reports.metric_tables import rows_table
-from experiments.reports.table import show
-from experiments.running.pool import Row, Task, in_parallel, row
-from experiments.running.run import prepare, run
-from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions
+from experiments.running.run import prepare
 from experiments.scenarios.random_walk import RandomWalk
+from experiments.studies.case import Case
+from experiments.studies.command import command_line, study_folder
+from experiments.studies.runs import run_case
+from experiments.studies.sections import Entries, Section, print_sections
 from experiments.studies.study_options import RandomWalksOptions
 from robots.checks import require_between
-from robots.loader import load_robot
 
 RANDOM_WALK_COLUMNS = (
     Metric("seed", "seed"),
@@ -38,19 +29,16 @@ RANDOM_WALK_COLUMNS = (
 
 
 def random_walks(options: RandomWalksOptions) -> int:
-    """Run them all, print who falls and what was drawn, save configuration and summary of each; returns 0.
+    """Run them all, print who falls and what was drawn; returns 0, or 1 where runs failed.
 
     Raises:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     check_random_walks(options)
-    console = Console(stderr=True, markup=False, soft_wrap=True)
-    with results_folder(OutputOptions(out=options.out), "random-walks") as folder:
-        warm_up(console, load_robot(options.robot))
-        rows = list(in_parallel(random_walk_tasks(options, folder), options.jobs, console))
-    show(rows_table(rows, RANDOM_WALK_COLUMNS, caption=falls(rows)))
-    console.print(f"runs: {folder}")
-    return 0
+    folder = study_folder(options.work.out, "random-walks")
+    section = Section("", random_walk_cases(options), RANDOM_WALK_COLUMNS, falls)
+    command = command_line("run random-walks", options, folder)
+    return print_sections([section], "random walks", options.robot, options.work, folder, command)
 
 
 def check_random_walks(options: RandomWalksOptions) -> None:
@@ -60,7 +48,7 @@ def check_random_walks(options: RandomWalksOptions) -> None:
         SafeWbcError: one is not allowed.
     """
     require_between("runs", options.runs, 1, 100_000)
-    require_between("jobs", options.jobs, 1, 64)
+    require_between("jobs", options.work.jobs, 1, 64)
     prepare(_one(options, options.first_seed))
 
 
@@ -68,21 +56,13 @@ def _one(options: RandomWalksOptions, seed: int) -> RandomWalk:
     return RandomWalk(robot=options.robot, duration=options.duration, seed=seed)
 
 
-def random_walk_tasks(options: RandomWalksOptions, folder: Path) -> list[Task]:
-    """A task for each seed."""
+def random_walk_cases(options: RandomWalksOptions, below: str = "") -> list[Case]:
+    """A case for each seed; its run is saved in a folder of the study, ``below`` another."""
     seeds = range(options.first_seed, options.first_seed + options.runs)
-    return [partial(random_walk_row, _one(options, seed), folder / f"random-walk-{seed}") for seed in seeds]
+    return [run_case(_one(options, s), {"seed": s}, f"{below}random-walk-{s}", series=False) for s in seeds]
 
 
-def random_walk_row(options: RandomWalk, folder: Path) -> Row:
-    """Run one, save its configuration and summary, return its line."""
-    start = time.process_time()
-    result = run(options)
-    save_result(result, folder, series=False)
-    return row(result) | {"cpu_s": time.process_time() - start}
-
-
-def falls(rows: Sequence[Row]) -> str:
+def falls(rows: Sequence[Entries]) -> str:
     """Who fell or was stopped, in a sentence."""
     down = [r for r in rows if r["ended"] != "no"]
     named = ", ".join(f"{r['seed']} ({r['ended']})" for r in down)

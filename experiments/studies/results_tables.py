@@ -1,25 +1,17 @@
 """The tables of the documentation: every run that they quote, made anew."""
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
 
-from rich.console import Console
-from rich.progress import Progress
-
-from experiments.cli.console import results_folder
 from experiments.metrics.metric import Metric, column
-from experiments.recording.recording import RunResult, save_result
-from experiments.reports.metric_tables import rows_table
-from experiments.reports.table import show
-from experiments.running.run import run
-from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_tracking import HandTracking
-from experiments.scenarios.options import FilterOptions, OutputOptions, PlantOptions, TableOptions
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
+from experiments.studies.command import command_line, study_folder
+from experiments.studies.runs import run_case
 from experiments.studies.safety_tables import friction_runs, safety_runs
+from experiments.studies.sections import Section, print_sections
+from experiments.studies.study_options import TableOptions
 from experiments.studies.tuning_scenarios import payload
 from robots.checks import require_between
 from robots.loader import load_robot
@@ -60,46 +52,35 @@ HAND_COLUMNS = (
 
 
 def table(options: TableOptions) -> int:
-    """Run everything, print the tables, save the runs; returns 0."""
-    require_between("jobs", options.jobs, 1, 64)
-    console = Console(stderr=True, markup=False, soft_wrap=True)
-    groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[options.what]()
-    with results_folder(OutputOptions(out=options.out, overwrite=options.overwrite), "table") as folder:
-        # once, here: otherwise every process would compile the same kernels
-        warm_up(console, load_robot("g1"))
-        done = _run_all([scenario for group, _ in groups.values() for scenario in group], options.jobs, console)
-        for title, (group, columns) in groups.items():
-            results = [next(done) for _ in group]
-            for scenario, result in zip(group, results, strict=True):
-                save_result(result, folder / run_folder(scenario))
-            rows = [{**r.summary, **_words(scenario)} for scenario, r in zip(group, results, strict=True)]
-            show(rows_table(rows, columns, title))
-    console.print(f"runs: {folder}")
-    return 0
+    """Run everything, print the tables, save the runs; returns 0, or 1 where runs failed.
+
+    Raises:
+        SafeWbcError: an option is not allowed; nothing has run then.
+    """
+    require_between("jobs", options.work.jobs, 1, 64)
+    folder = study_folder(options.work.out, "table")
+    command = command_line(f"table {options.what}", options, folder)
+    return print_sections(sections(options.what), f"tables of {options.what}", "g1", options.work, folder, command)
 
 
-def _words(scenario: Scenario) -> dict[str, str]:
+def sections(what: str) -> list[Section]:
+    """The tables of a page: ``results``, ``safety`` or ``friction``."""
+    groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[what]()
+    return [
+        Section(title, [run_case(s, _labels(s), run_folder(s)) for s in scenarios], shown)
+        for title, (scenarios, shown) in groups.items()
+    ]
+
+
+def _labels(scenario: Scenario) -> dict[str, str]:
     """What a table may show of a run that is no figure of its summary."""
     velocity = scenario.obstacle_velocity if isinstance(scenario, HandTracking) else ""
-    words = {"case": describe_case(scenario), "velocity": velocity}
-    return words | {
+    return {
+        "case": describe_case(scenario),
+        "velocity": velocity,
         "friction": f"x{scenario.plant.joint_friction_scale:g}",
         "adaptive": "yes" if scenario.safety.adaptive else "no",
     }
-
-
-def _run_all(tasks: Sequence[Scenario], jobs: int, console: Console) -> Iterator[RunResult]:
-    """Results in the order of the tasks, some at a time."""
-    # spawned, not forked: numba and MuJoCo do not survive a fork of a process that has used them
-    with ProcessPoolExecutor(jobs, get_context("spawn")) as pool, Progress(console=console) as bar:
-        task = bar.add_task(f"{len(tasks)} runs", total=len(tasks))
-        for result in pool.map(_one, tasks):
-            bar.advance(task)
-            yield result
-
-
-def _one(options: Scenario) -> RunResult:
-    return run(options)
 
 
 def run_folder(options: Scenario) -> str:

@@ -1,30 +1,25 @@
 """What a set of filter parameters is worth on robots and in motions that it was not tuned with."""
 
 import dataclasses
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich.console import Console
 
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
-from experiments.cli.console import results_folder
 from experiments.metrics.metric import Metric
-from experiments.recording.plain import plain
-from experiments.reports.metric_tables import rows_table
-from experiments.reports.table import show
-from experiments.running.pool import Row, in_parallel
-from experiments.running.run import run
-from experiments.running.warmup import warm_up
+from experiments.recording.recording import RunResult
 from experiments.scenarios.lateral_steps import LateralSteps
-from experiments.scenarios.options import FilterOptions, OutputOptions, PlantOptions
+from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.passing_sphere import Passage
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.walk import Walk
+from experiments.studies.case import Case
+from experiments.studies.command import command_line, study_folder
 from experiments.studies.drawn_hands import DrawnHands
+from experiments.studies.runs import run_case
+from experiments.studies.sections import Entries, Section, print_sections
 from experiments.studies.study_options import RobustnessOptions
 from experiments.studies.tuning_scenarios import payload, torso_targets
 from robots.checks import require_between, require_one_of
@@ -127,59 +122,33 @@ def _draw_steps(rng: np.random.Generator, name: str, plant: PlantOptions, seed: 
     return Walk(robot=name, plant=plant, seed=seed, vx=vx, vy=vy, wz=wz, duration=9.0)
 
 
-@dataclass(frozen=True, slots=True)
-class RobustnessTask:
-    """One run of the study as a task: a draw, a set of parameters by its name, and what it means for the filter."""
-
-    robot: str
-    scenario: str
-    seed: int
-    parameters: str
-    safety: FilterOptions
-
-    def __call__(self) -> Row:
-        """Run, and return the line."""
-        robot = load_robot(self.robot)
-        drawn = draw(robot, self.robot, self.scenario, self.seed)
-        summary = run(dataclasses.replace(drawn, safety=self.safety)).summary
-        least = {f"min_h_{key}": summary[f"min_h_{key}"] for key in BARRIERS}
-        plant = drawn.plant
-        return {
-            "robot": self.robot,
-            "scenario": self.scenario,
-            "seed": self.seed,
-            "parameters": self.parameters,
-            "below": any(h is not None and h < 0 for h in least.values()),
-            **least,
-            "fell": summary["fell"],
-            "stop_cause": summary["stop_cause"],
-            "hand_rmse_m": summary["hand_rmse_m"],
-            "hand_rmse_outside_conflict_m": summary["hand_rmse_outside_conflict_m"],
-            "drawn": dataclasses.asdict(plant),
-            "passage": dataclasses.asdict(drawn.sphere) if isinstance(drawn, DrawnHands) and drawn.obstacle else None,
-        }
+def robustness_row(result: RunResult) -> dict[str, Any]:
+    """What a run of the study is judged by, and what was drawn for it."""
+    summary, scenario = result.summary, result.config["scenario"]
+    least = {f"min_h_{key}": summary[f"min_h_{key}"] for key in BARRIERS}
+    return {
+        "below": any(h is not None and h < 0 for h in least.values()),
+        **least,
+        "fell": summary["fell"],
+        "stop_cause": summary["stop_cause"],
+        "hand_rmse_m": summary["hand_rmse_m"],
+        "hand_rmse_outside_conflict_m": summary["hand_rmse_outside_conflict_m"],
+        "drawn": scenario["plant"],
+        "passage": scenario["sphere"] if scenario.get("obstacle") is True else None,
+    }
 
 
 def robustness(options: RobustnessOptions) -> int:
-    """Make all runs, write a line of each as it ends, print the table; returns 0.
+    """Make all runs, print the table; returns 0, or 1 where runs failed.
 
     Raises:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     robots = check_robustness(options)
-    console = Console(stderr=True, markup=False, soft_wrap=True)
-    with results_folder(OutputOptions(out=options.out), "robustness") as folder:
-        warm_up(console, robots[0])
-        tasks = robustness_tasks(options, folder)
-        rows: list[Row] = []
-        with (folder / "rows.jsonl").open("w", encoding="utf-8") as file:
-            for row in in_parallel(tasks, options.jobs, console):
-                rows.append(row)
-                file.write(json.dumps(plain(row)) + "\n")
-                file.flush()
-    show(rows_table(summed(rows), ROBUSTNESS_COLUMNS))
-    console.print(f"runs: {folder / 'rows.jsonl'}")
-    return 0
+    folder = study_folder(options.work.out, "robustness")
+    section = Section("", robustness_cases(options, folder), ROBUSTNESS_COLUMNS, lines=summed)
+    command = command_line("run robustness", options, folder)
+    return print_sections([section], "robustness", robots[0].name, options.work, folder, command)
 
 
 def check_robustness(options: RobustnessOptions) -> list[RobotDescription]:
@@ -190,7 +159,7 @@ def check_robustness(options: RobustnessOptions) -> list[RobotDescription]:
     """
     require_between("seeds", options.seeds, 1, 100_000)
     require_between("first_seed", options.first_seed, 0, 2**31)
-    require_between("jobs", options.jobs, 1, 64)
+    require_between("jobs", options.work.jobs, 1, 64)
     for name in ("robots", "parameters", "scenarios"):
         if not getattr(options, name):
             raise ConfigError(name, (), "at least one")
@@ -209,15 +178,21 @@ def check_robustness(options: RobustnessOptions) -> list[RobotDescription]:
     return robots
 
 
-def robustness_tasks(options: RobustnessOptions, folder: Path) -> list[RobustnessTask]:
-    """A task for every robot, scenario, seed and set of parameters, those that are compared one after the other."""
-    tasks = []
+def robustness_cases(options: RobustnessOptions, folder: Path) -> list[Case]:
+    """A case for every robot, scenario, seed and set of parameters, those that are compared one after the other."""
+    cases = []
     for name in options.robots:
-        sets = {p: filter_options(load_robot(name), p, folder) for p in options.parameters}
+        robot = load_robot(name)
+        sets = {p: filter_options(robot, p, folder) for p in options.parameters}
         for scenario in options.scenarios:
             for seed in range(options.first_seed, options.first_seed + options.seeds):
-                tasks += [RobustnessTask(name, scenario, seed, NAMES.get(p, p), safety) for p, safety in sets.items()]
-    return tasks
+                drawn = draw(robot, name, scenario, seed)
+                for parameters, safety in sets.items():
+                    labels = {"robot": name, "scenario": scenario, "seed": seed}
+                    labels["parameters"] = NAMES.get(parameters, parameters)
+                    run = dataclasses.replace(drawn, safety=safety)
+                    cases.append(run_case(run, labels, None, measure=robustness_row))
+    return cases
 
 
 def filter_options(robot: RobotDescription, parameters: str, folder: Path) -> FilterOptions:
@@ -226,14 +201,15 @@ def filter_options(robot: RobotDescription, parameters: str, folder: Path) -> Fi
         return FilterOptions(adaptive=parameters == "own-adaptive")
     if parameters not in {"before", "adaptive"}:
         return FilterOptions(tuning=Path(parameters))
-    file = folder / f"before-{robot.name}.toml"
+    file = folder / "parameters" / f"before-{robot.name}.toml"
+    file.parent.mkdir(parents=True, exist_ok=True)
     write_tuning(file, Tuning(BEFORE[robot.name], {"robot": robot.name}))
     return FilterOptions(tuning=file, adaptive=parameters == "adaptive")
 
 
-def summed(rows: Sequence[Row]) -> list[dict[str, Any]]:
+def summed(rows: Sequence[Entries]) -> list[dict[str, Any]]:
     """One line for all runs of a robot, a scenario and a set of parameters, in the order in which they came."""
-    groups: dict[tuple[str, str, str], list[Row]] = {}
+    groups: dict[tuple[str, str, str], list[Entries]] = {}
     for row in rows:
         groups.setdefault((row["robot"], row["scenario"], row["parameters"]), []).append(row)
     out = []

@@ -1,8 +1,7 @@
 """The fastest walk forward that a robot does not fall in."""
 
-import time
 from collections.abc import Callable, Mapping
-from pathlib import Path
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -10,11 +9,15 @@ from numpy.typing import NDArray
 
 from controllers.gaits.walking import walk_tuning
 from experiments.metrics.metric import Metric
-from experiments.recording.recording import save_result
-from experiments.running.pool import Row, row
-from experiments.running.run import run
+from experiments.recording.recording import RunResult
+from experiments.running.run_rows import run_row
 from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.walk import Walk
+from experiments.studies.case import Case, Row, content_key
+from experiments.studies.runs import run_case
+from experiments.studies.search import Bracket, largest_that_holds
+from experiments.studies.sections import Entries
+from experiments.studies.store import RowStore, sound
 from robots.loader import load_robot
 
 SLOWEST, STEP, WALK_TIME = 0.3, 0.05, 20.0
@@ -31,67 +34,86 @@ SPEED_COLUMNS = (
 )
 
 
-def fastest_walk(robot: str, mass_scale: float, duration: float, folder: Path) -> Row:
-    """The largest speed, on a grid of ``STEP`` up from ``SLOWEST``, before the first at which the robot falls.
+@dataclass(frozen=True, slots=True)
+class FastestWalk:
+    """Searches the largest speed, on a grid of ``STEP``, before the first at which the robot falls.
 
-    Where it falls at ``SLOWEST`` already the search goes down instead. It ends where longer steps would be needed.
+    It begins at ``SLOWEST`` and goes up, or down where the robot falls there already. It ends where longer steps would
+    be needed than the robot's tuning allows.
 
-    Returns:
-        A line: ``fastest``, ``achieved`` in that walk, ``falls_at``, ``reach`` of the longest steps [m/s]; ``None``
-        where there is none.
+    Attributes:
+        robot: name, or path of a description.
+        mass_scale: of the simulated robot.
+        duration: of each walk [s].
+        below: folder of the walks, below that of the study.
     """
-    start, runs = time.process_time(), 0
-    reach = walk_tuning(load_robot(robot)).fastest(1.0).vx
 
-    def walk(speed: float) -> Row:
-        nonlocal runs
-        runs += 1
-        scenario = Walk(robot=robot, vx=speed, duration=duration, plant=PlantOptions(mass_scale=mass_scale))
-        result = run(scenario)
-        save_result(result, folder / f"{robot}-mass-{mass_scale:g}-{speed:.2f}", series=False)
-        return row(result) | {"achieved": achieved_speed(result.series)}
+    robot: str
+    mass_scale: float
+    duration: float
+    below: str
 
-    fastest, achieved, falls_at = climb(walk, reach)
+    def __call__(self, store: RowStore) -> Entries:
+        """Search; every walk is a row of its own.
+
+        Returns:
+            ``fastest``, ``achieved`` in that walk, ``falls_at``, ``reach`` of the longest steps [m/s]; ``None`` where
+            there is none.
+        """
+        return climb(self, self.reach(), store.obtain)
+
+    def reach(self) -> float:
+        """Speed of the longest steps [m/s]."""
+        return float(walk_tuning(load_robot(self.robot)).fastest(1.0).vx)
+
+    def walk(self, level: int) -> Case:
+        """The walk at a level of the grid."""
+        speed, plant = speed_of(level), PlantOptions(mass_scale=self.mass_scale)
+        scenario = Walk(robot=self.robot, vx=speed, duration=self.duration, plant=plant)
+        folder = f"{self.below}{self.robot}-mass-{self.mass_scale:g}-{speed:.2f}"
+        return run_case(scenario, {"speed": speed}, folder, series=False, measure=walk_row)
+
+    def case(self) -> Case:
+        """The search as a case."""
+        content = [self.walk(1).key, STEP, SLOWEST]
+        labels = {"robot": self.robot, "mass_scale": self.mass_scale}
+        return Case(content_key("fastest-walk", content), labels, self)
+
+
+def climb(search: FastestWalk, reach: float, obtain: Callable[[Case], Row]) -> Entries:
+    """The search of :class:`FastestWalk`.
+
+    Args:
+        search: whose walks are tried.
+        reach: highest speed to try [m/s].
+        obtain: gives the row of a walk.
+    """
+    tried: dict[int, Entries] = {}
+
+    def stays_up(level: int) -> bool:
+        tried[level] = sound(obtain(search.walk(level)))
+        return bool(tried[level]["ended"] == "no")
+
+    top = int(reach / STEP + 1e-9)
+    level = largest_that_holds(stays_up, Bracket(top, round(SLOWEST / STEP), 1))
     return {
-        "robot": robot,
-        "mass_scale": mass_scale,
-        "fastest": fastest,
-        "achieved": achieved,
-        "falls_at": falls_at,
+        "fastest": speed_of(level) if level else None,
+        "achieved": tried[level]["achieved"] if level else None,
+        "falls_at": speed_of(level + 1) if level < top else None,
         "reach": reach,
-        "runs": runs,
-        "cpu_s": time.process_time() - start,
+        "runs": len(tried),
+        "cpu_s": sum(entries["cpu_s"] for entries in tried.values()),
     }
 
 
-def climb(walk: Callable[[float], Row], reach: float) -> tuple[float | None, float | None, float | None]:
-    """Search of :func:`fastest_walk`.
+def speed_of(level: int) -> float:
+    """Speed of a level of the grid [m/s]."""
+    return round(level * STEP, 9)
 
-    Args:
-        walk: line of a walk at a speed [m/s]: ``ended``, ``achieved``.
-        reach: highest speed to try [m/s].
 
-    Returns:
-        Largest speed survived, what was achieved in it, lowest speed tried at which the robot fell; ``None`` where
-        there is none [m/s].
-    """
-    fastest, achieved, falls_at = None, None, None
-    top = int(reach / STEP + 1e-9)
-    index = min(round(SLOWEST / STEP), top)
-    while 0 < index <= top:
-        speed = round(index * STEP, 9)
-        tried = walk(speed)
-        if tried["ended"] == "no":
-            fastest, achieved = speed, tried["achieved"]
-            if falls_at is not None:
-                break
-            index += 1
-        else:
-            falls_at = speed
-            if fastest is not None:
-                break
-            index -= 1
-    return fastest, achieved, falls_at
+def walk_row(result: RunResult) -> Entries:
+    """Summary, how the walk ended, and the speed achieved."""
+    return run_row(result) | {"achieved": achieved_speed(result.series)}
 
 
 def achieved_speed(series: Mapping[str, NDArray[Any]]) -> float:

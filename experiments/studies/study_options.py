@@ -1,13 +1,30 @@
 """Options of the studies, which are made of many runs; nothing heavy is imported here."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Annotated, Literal
+
+import tyro
+
+from experiments.studies.work import WorkOptions
 
 SECTIONS = ("taichi", "lateral-steps", "walks", "speed", "pushes", "obstacle", "random-walks", "ticks")
 """Sections of the locomotion table, in the order in which they are made."""
 
 STANCES = ("standing", "one-leg", "walking")
 """What a robot does when it is pushed."""
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """Make every run that a page of the documentation quotes, and print its tables.
+
+    Some minutes on two cores.
+    """
+
+    what: tyro.conf.Positional[Literal["results", "safety", "friction"]] = "results"
+    """Which page's: docs/results.md or docs/safety.md; friction: what docs/safety.md says of dry friction."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 
 @dataclass(frozen=True)
@@ -22,10 +39,7 @@ class RandomWalksOptions:
     """Seed of the first one [-]."""
     duration: float = 20.0
     """Simulated time of each [s]."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder with configuration and summary of each run; runs/random-walks-<time> if not given."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 
 @dataclass(frozen=True)
@@ -44,10 +58,7 @@ class PushSearchOptions:
     """Step of the impulses that are tried, per mass of the simulated robot [N s/kg]."""
     largest: float = 0.6
     """Largest impulse that is tried, per mass of the simulated robot [N s/kg]."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder with configuration and summary of each run; runs/pushes-<time> if not given."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 
 @dataclass(frozen=True)
@@ -64,10 +75,7 @@ class LocomotionTableOptions:
     series: bool = True
     """Keep the time series of every run but those of speed, pushes and random-walks: some 2 GB. Configuration and
     summary are always kept."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder of the runs, each in a folder of its own; runs/locomotion-table-<time> if not given."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 
 @dataclass(frozen=True)
@@ -131,7 +139,4 @@ class RobustnessOptions:
     """How many, from --first-seed on [-]."""
     first_seed: int = 1
     """The first one; the runs of tuning have seed 0 [-]."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder of rows.jsonl, one line per run as it ends; runs/robustness-<time> if not given."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)

@@ -1,9 +1,9 @@
 """The tables on locomotion: which runs stand in them, that each is allowed, and what the searches find."""
 
 import dataclasses
+import os
 import re
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rich.console import Console
 
 from controllers.gaits.footholds import LEFT
+from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
-from experiments.running.pool import Row, RunTask, ending, in_parallel, tick_figures
 from experiments.running.run import prepare
+from experiments.running.run_rows import ending, tick_figures
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
@@ -24,36 +24,45 @@ from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
 from experiments.studies import locomotion_table
 from experiments.studies import locomotion_tables as locomotion_sections
-from experiments.studies.locomotion_tables import StudyTable, chosen_tables
-from experiments.studies.speed import STEP, achieved_speed, climb
+from experiments.studies.backends import LocalBackend
+from experiments.studies.case import Case, Row, Study
+from experiments.studies.engine import carry_out
+from experiments.studies.locomotion_table import scenarios_of
+from experiments.studies.locomotion_tables import chosen_tables
+from experiments.studies.runs import run_case
+from experiments.studies.sections import Entries, Section, print_sections
+from experiments.studies.speed import STEP, FastestWalk, achieved_speed, climb
+from experiments.studies.store import RowStore
 from experiments.studies.study_options import SECTIONS, LocomotionTableOptions
+from experiments.studies.work import WorkOptions
 from robots.errors import SafeWbcError
 
 PAGE = Path(__file__).parents[2] / "docs" / "locomotion.md"
 
 
-def tables(folder: Path, **options: Any) -> dict[str, StudyTable]:
+def tables(**options: Any) -> dict[str, Section]:
     """Each section's table."""
     made = {}
     for name in SECTIONS:
-        (made[name],) = chosen_tables(LocomotionTableOptions(only=(name,), **options), folder)
+        (made[name],) = chosen_tables(LocomotionTableOptions(only=(name,), **options))
     return made
 
 
-def runs_of(table: StudyTable) -> list[Scenario]:
-    return [task.options for task in table.tasks if isinstance(task, RunTask)]
+def runs_of(table: Section) -> list[Scenario]:
+    return list(scenarios_of([table]))
 
 
 @pytest.mark.parametrize("quick", [False, True])
-def test_every_run_is_allowed_and_has_a_folder_of_its_own(quick: bool, tmp_path: Path) -> None:
-    tasks = [t for table in tables(tmp_path, quick=quick).values() for t in table.tasks if isinstance(t, RunTask)]
-    assert len({task.folder for task in tasks}) == len(tasks)
-    for task in tasks:
-        prepare(task.options)
+def test_every_run_is_allowed_and_has_a_folder_of_its_own(quick: bool) -> None:
+    made = tables(quick=quick)
+    folders = [case.folder for table in made.values() for case in table.cases if case.folder is not None]
+    assert len(set(folders)) == len(folders)
+    for scenario in scenarios_of(list(made.values())):
+        prepare(scenario)
 
 
-def test_robots_masses_grounds_and_filters_of_the_runs(tmp_path: Path) -> None:
-    made = tables(tmp_path)
+def test_robots_masses_grounds_and_filters_of_the_runs() -> None:
+    made = tables()
     taichi = [o for o in runs_of(made["taichi"]) if isinstance(o, Taichi)]
     issf = {
         (o.robot, o.plant.mass_scale, o.plant.friction)
@@ -72,49 +81,51 @@ def test_robots_masses_grounds_and_filters_of_the_runs(tmp_path: Path) -> None:
     assert {(o.robot, o.obstacle, o.safety.filter) for o in spheres} == {
         (r, k, f) for r in ("g1", "tocabi") for k in ("static", "moving") for f in ("issf", "none")
     }
-    assert len(made["random-walks"].tasks) == 50
-    assert [name for name, table in made.items() if table.alone] == ["ticks"]
+    assert len(made["random-walks"].cases) == 50
+    assert [name for name, t in made.items() if any(case.alone for case in t.cases)] == ["ticks"]
+    assert all(case.alone for case in made["ticks"].cases)
 
 
-def test_the_page_has_the_columns_that_the_command_prints(tmp_path: Path) -> None:
+def test_the_page_has_the_columns_that_the_command_prints() -> None:
     lines = PAGE.read_text(encoding="utf-8").splitlines()
-    for table in tables(tmp_path).values():
+    for table in tables().values():
         assert f"### {table.title}" in lines
         head = rows_table([], table.columns).markdown().splitlines()[0]
         assert head in lines, table.title
 
 
-def test_lines_stand_under_the_title_they_belong_to(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Sections are printed in order and as many lines as tasks; those measured alone come last."""
-    order: list[tuple[str, int]] = []
+@dataclass(frozen=True)
+class Pretended:
+    """Tells its name."""
 
-    def pretended(tasks: Sequence[Callable[[], Row]], jobs: int, console: Console) -> Iterator[Row]:
-        for task in tasks:
-            assert isinstance(task, RunTask)
-            order.append((task.folder.parent.name, jobs))
-            yield {"robot": task.folder.name, "ended": "no", "cpu_s": 1.0}
+    name: str
 
-    monkeypatch.setattr(locomotion_table, "in_parallel", pretended)
-    monkeypatch.setattr(locomotion_table, "warm_up", lambda console, robot: None)
-    options = LocomotionTableOptions(only=("ticks", "lateral-steps", "taichi"), out=tmp_path / "runs", jobs=3)
-    assert locomotion_table.locomotion_table(options) == 0
-    made = tables(tmp_path / "runs")
-    expected = {name: len(made[name].tasks) for name in ("taichi", "lateral-steps", "ticks")}
-    assert Counter(order) == {(name, 1 if name == "ticks" else 3): n for name, n in expected.items()}
+    def __call__(self, store: RowStore) -> Entries:
+        return {"robot": self.name, "ended": "no", "cpu_s": 1.0, "process": os.getpid()}
+
+
+def test_lines_stand_under_the_title_they_belong_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """Sections are printed in order and as many lines as cases; those measured alone are made last, by one process."""
+    columns = (Metric("robot", "robot"), Metric("ended", "fell"))
+    made = [
+        Section(name, [Case(f"{name}-{i}", {}, Pretended(f"{name}-{i}"), alone=name == "b") for i in range(3)], columns)
+        for name in ("a", "b")
+    ]
+    work = WorkOptions(jobs=1)
+    assert print_sections(made, "title", "g1", work, tmp_path / "study", "safewbc") == 0
     parts = capsys.readouterr().out.split("### ")[1:]
-    assert [part.splitlines()[0] for part in parts] == [made[name].title for name in expected]
-    for part, (name, count) in zip(parts, expected.items(), strict=True):
+    assert [part.splitlines()[0] for part in parts] == ["a", "b"]
+    for part, name in zip(parts, ("a", "b"), strict=True):
         lines = [line for line in part.splitlines() if line.startswith("| ")][2:]
-        assert [line.split(" | ")[0].lstrip("| ") for line in lines] == [t.folder.name for t in made[name].tasks]  # type: ignore[attr-defined]
-        assert len(lines) == count
+        assert lines == [f"| {name}-{i} | no |" for i in range(3)]
+    # every case again, from what is stored
+    assert print_sections(made, "title", "g1", work, tmp_path / "study", "safewbc") == 0
 
 
 def test_each_line_is_a_run_that_was_saved(tmp_path: Path) -> None:
-    """Made in processes of their own, in the order of the tasks."""
-    tasks = [RunTask(Stand(duration=0.2 + 0.1 * i), tmp_path / str(i), {"case": i}, series=i == 0) for i in range(3)]
-    lines = list(in_parallel(tasks, 2, Console(stderr=True)))
+    """Made in processes of their own, in the order of the cases."""
+    cases = [run_case(Stand(duration=0.2 + 0.1 * i), {"case": i}, str(i), series=i == 0) for i in range(3)]
+    lines = [row.entries() for row in carry_out(Study("stand", cases), tmp_path, LocalBackend(2))]
     assert [(line["case"], line["duration_s"]) for line in lines] == [(0, 0.2), (1, 0.3), (2, 0.4)]
     assert [(tmp_path / str(i) / "series.npz").exists() for i in range(3)] == [True, False, False]
     assert all((tmp_path / str(i) / name).exists() for i in range(3) for name in ("config.json", "summary.json"))
@@ -138,17 +149,24 @@ def test_how_a_run_ended() -> None:
 def test_the_fastest_walk_is_the_last_on_the_grid_that_is_survived(limit: float, reach: float) -> None:
     tried: list[float] = []
 
-    def walk(speed: float) -> Row:
-        tried.append(speed)
-        return {"ended": "no" if speed <= limit else "at 1.0 s", "achieved": 0.9 * speed}
+    class Walks:
+        """Rows of walks that stay up to a limit."""
 
-    fastest, achieved, falls_at = climb(walk, reach)
+        def obtain(self, case: Case) -> Row:
+            speed = case.labels["speed"]
+            tried.append(speed)
+            ended = "no" if speed <= limit else "at 1.0 s"
+            return Row(case.key, case.labels, {"ended": ended, "achieved": 0.9 * speed, "cpu_s": 1.0})
+
+    search = FastestWalk("g1", 1.0, 20.0, "")
+    found = climb(search, reach, Walks().obtain)
     grid = [round(STEP * i, 9) for i in range(1, 17) if STEP * i <= reach + 1e-9]
     survived = [speed for speed in grid if speed <= limit]
     assert set(tried) <= set(grid)
-    assert fastest == (survived[-1] if survived else None)
-    assert achieved == (0.9 * survived[-1] if survived else None)
-    assert falls_at == next((speed for speed in grid if speed > limit), None)
+    assert len(set(tried)) == len(tried) == found["runs"]
+    assert found["fastest"] == (survived[-1] if survived else None)
+    assert found["achieved"] == (0.9 * survived[-1] if survived else None)
+    assert found["falls_at"] == next((speed for speed in grid if speed > limit), None)
 
 
 def test_achieved_speed_of_a_straight_way() -> None:
@@ -158,17 +176,18 @@ def test_achieved_speed_of_a_straight_way() -> None:
 
 
 @pytest.mark.parametrize(
-    ("change", "named"), [({"only": ("all",)}, "all"), ({"only": ()}, "only"), ({"jobs": 0}, "jobs")]
+    ("change", "named"), [({"only": ("all",)}, "all"), ({"only": ()}, "only"), ({"work": WorkOptions(jobs=0)}, "jobs")]
 )
 def test_wrong_options_are_refused_before_any_run(change: dict[str, object], named: str, tmp_path: Path) -> None:
-    options = dataclasses.replace(LocomotionTableOptions(out=tmp_path / "runs"), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(LocomotionTableOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         locomotion_table.locomotion_table(options)
     assert not (tmp_path / "runs").exists()
 
 
 def test_every_section_has_a_table() -> None:
-    made = chosen_tables(LocomotionTableOptions(), Path("x"))
+    made = chosen_tables(LocomotionTableOptions())
     assert len(made) == len(SECTIONS)
     assert locomotion_sections.MIXED.exists()
 

@@ -2,42 +2,104 @@
 
 import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.running.run import run
 from experiments.scenarios.pushes import PUSH_TIME
 from experiments.studies import pushes as push_search
-from experiments.studies.pushes import AFTER, STRIDE, PushCase, cases, largest_survived, run_case, true_mass, worst_of
+from experiments.studies.case import Case
+from experiments.studies.pushes import AFTER, STRIDE, PushCase, PushSearch, cases, pushed, true_mass, worst_of
+from experiments.studies.search import Bracket, largest_that_holds
+from experiments.studies.store import CaseFailedError, RowStore
 from experiments.studies.study_options import PushSearchOptions
+from experiments.studies.work import WorkOptions
 from robots.errors import SafeWbcError
 from robots.loader import load_robot
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
 
+levels = st.integers(0, 40)
+strides = st.integers(1, 12)
 
-@given(limit=st.integers(0, 40), top=st.integers(0, 40), stride=st.integers(1, 12))
-def test_the_largest_level_survived_is_found(limit: int, top: int, stride: int) -> None:
-    """Of robots that survive up to a limit; no level above ``top``, and none twice, is tried."""
+
+@given(limit=levels, top=levels, start=strides, stride=strides)
+def test_the_largest_level_that_holds_is_found(limit: int, top: int, start: int, stride: int) -> None:
+    """Of what holds up to a limit; no level above ``top``, and none twice, is tried."""
     tried: list[int] = []
 
-    def survives(level: int) -> bool:
+    def holds(level: int) -> bool:
         tried.append(level)
         return level <= limit
 
-    assert largest_survived(survives, top, stride) == min(limit, top)
+    assert largest_that_holds(holds, Bracket(top, start, stride)) == min(limit, top)
     assert len(set(tried)) == len(tried)
     assert all(1 <= level <= top for level in tried)
+    # both ends of the answer are seen, not concluded
+    assert min(limit, top) == 0 or min(limit, top) in tried
+    assert limit >= top or limit + 1 in tried
+
+
+@given(falls=st.sets(st.integers(1, 30)), top=st.integers(1, 30), start=strides, stride=strides)
+def test_level_found_holds_and_the_next_one_does_not(falls: set[int], top: int, start: int, stride: int) -> None:
+    """Also where a higher level holds again."""
+    found = largest_that_holds(lambda level: level not in falls, Bracket(top, start, stride))
+    assert found not in falls
+    assert found == top or found + 1 in falls
 
 
 @given(falls=st.sets(st.integers(1, 30)), top=st.integers(1, 30))
-def test_level_found_is_survived_and_the_next_one_is_not(falls: set[int], top: int) -> None:
-    """Also where a stronger push is survived again; and no fall at a whole stride below is passed over."""
-    found = largest_survived(lambda level: level not in falls, top)
-    assert found not in falls
-    assert found == top or found + 1 in falls
+def test_no_fall_at_a_whole_stride_below_is_passed_over(falls: set[int], top: int) -> None:
+    found = largest_that_holds(lambda level: level not in falls, Bracket(top, STRIDE, STRIDE))
     assert not [level for level in falls if level <= found and level % STRIDE == 0]
+
+
+@given(limit=levels, top=st.integers(1, 40))
+def test_a_search_takes_few_steps(limit: int, top: int) -> None:
+    tried: list[int] = []
+    largest_that_holds(lambda level: tried.append(level) or level <= limit, Bracket(top, 8, 8))  # type: ignore[func-returns-value]
+    assert len(tried) <= top // 8 + 1 + 3
+
+
+def search(top: float = 0.4) -> PushSearch:
+    return PushSearch("g1", "standing", "forward", 1.0, 0.1, top, "")
+
+
+def stored(store: RowStore, case: Any, **metrics: Any) -> None:
+    """The row of a run, as if it had been made."""
+    usual = {"fell": False, "stop_cause": None, "cpu_s": 1.0}
+    store.obtain(Case(case.key, case.labels, lambda _: usual | metrics))
+
+
+def test_a_search_is_made_of_rows_that_are_there(tmp_path: Path) -> None:
+    store = RowStore(tmp_path)
+    store.prepare()
+    (push,) = search().pushes()
+    for level in range(1, 5):
+        stored(store, search().run(push, level), fell=level > 2)
+    found = search()(store)
+    assert (found["survived"], found["first_fall"]) == (pytest.approx(0.2), pytest.approx(0.3))
+    assert found["survived_force"] == pytest.approx(0.2 * true_mass(push) / PUSH_TIME)
+    assert found["runs"] == found["cpu_s"]
+    assert found["weakest"] == push.words
+
+
+def test_a_run_that_failed_fails_its_search(tmp_path: Path) -> None:
+    store = RowStore(tmp_path)
+    store.prepare()
+    for level in range(1, 5):
+        store.record_failure(search().run(search().pushes()[0], level), "ValueError: no")
+    with pytest.raises(CaseFailedError, match="ValueError: no"):
+        search()(store)
+
+
+def test_searches_that_differ_have_keys_that_differ() -> None:
+    keys = {search().case().key, search(0.5).case().key, dataclasses.replace(search(), mass_scale=1.1).case().key}
+    assert len(keys) == 3
+    assert search().case().key == search().case().key
 
 
 @given(limits=st.lists(st.integers(0, 25), min_size=1, max_size=8), top=st.integers(1, 25))
@@ -67,7 +129,7 @@ def test_a_push_changes_the_momentum_by_its_impulse() -> None:
     """Standing; for as long as the ground has not had the time to push back much, and after it the robot stays up."""
     case = dataclasses.replace(cases("g1", "standing", "forward", 1.0)[0], time=0.6)
     impulse = 0.1
-    result = run_case(case, impulse * true_mass(case) / PUSH_TIME)
+    result = run(pushed(case, impulse * true_mass(case) / PUSH_TIME))
     time, com = result.series["time"], result.series["com"]
     assert not result.summary["fell"]
     assert result.summary["duration_s"] == pytest.approx(case.time + PUSH_TIME + AFTER)
@@ -80,7 +142,7 @@ def test_a_push_changes_the_momentum_by_its_impulse() -> None:
 
 def test_a_strong_push_fells_the_robot_and_the_run_then_ends() -> None:
     case = dataclasses.replace(cases("g1", "standing", "forward", 1.0)[0], time=0.6)
-    result = run_case(case, 3.0 * true_mass(case) / PUSH_TIME)
+    result = run(pushed(case, 3.0 * true_mass(case) / PUSH_TIME))
     assert result.summary["fell"]
     assert result.summary["duration_s"] < case.time + AFTER
 
@@ -96,13 +158,14 @@ def test_a_strong_push_fells_the_robot_and_the_run_then_ends() -> None:
         ({"resolution": 0.0}, "resolution"),
         ({"largest": 0.01}, "largest"),
         ({"mass_scale": -1.0}, "mass_scale"),
-        ({"jobs": 0}, "jobs"),
+        ({"work": WorkOptions(jobs=0)}, "jobs"),
     ],
 )
 def test_wrong_options_are_refused_before_anything_is_written(
     change: dict[str, object], named: str, tmp_path: Path
 ) -> None:
-    options = dataclasses.replace(PushSearchOptions(out=tmp_path / "runs"), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(PushSearchOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         push_search.pushes(options)
     assert not (tmp_path / "runs").exists()

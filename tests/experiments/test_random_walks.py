@@ -15,6 +15,7 @@ from experiments.scenarios.random_walk import RandomWalk
 from experiments.studies import random_walks as study
 from experiments.studies.random_walks import falls
 from experiments.studies.study_options import RandomWalksOptions
+from experiments.studies.work import WorkOptions
 from robots.errors import SafeWbcError
 from robots.loader import load_robot
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
@@ -99,7 +100,7 @@ def test_mass_of_the_simulated_robot() -> None:
 
 def test_the_study_makes_the_runs_that_each_seed_makes(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """In a process of its own: the figures that are saved are, bit by bit, those of a run made here."""
-    options = RandomWalksOptions(runs=1, first_seed=8, duration=6.0, out=tmp_path / "runs")
+    options = RandomWalksOptions(runs=1, first_seed=8, duration=6.0, work=WorkOptions(out=tmp_path / "runs"))
     assert study.random_walks(options) == 0
     lines = [line for line in capsys.readouterr().out.splitlines() if line.startswith("| ")]
     assert [line.split(" | ")[0] for line in lines[2:]] == ["| 8"]
@@ -121,10 +122,16 @@ def test_falls_are_counted_and_named() -> None:
 
 @pytest.mark.parametrize(
     ("change", "named"),
-    [({"runs": 0}, "runs"), ({"duration": 3.0}, "duration"), ({"robot": "nobody"}, "nobody"), ({"jobs": 0}, "jobs")],
+    [
+        ({"runs": 0}, "runs"),
+        ({"duration": 3.0}, "duration"),
+        ({"robot": "nobody"}, "nobody"),
+        ({"work": WorkOptions(jobs=0)}, "jobs"),
+    ],
 )
 def test_wrong_options_are_refused_before_any_run(change: dict[str, object], named: str, tmp_path: Path) -> None:
-    options = dataclasses.replace(RandomWalksOptions(out=tmp_path / "runs"), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(RandomWalksOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         study.random_walks(options)
     assert not (tmp_path / "runs").exists()

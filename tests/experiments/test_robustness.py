@@ -1,37 +1,40 @@
 """The study of parameters on robots that they were not tuned with: what is drawn, what is counted."""
 
 import dataclasses
-import json
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from controllers.whole_body.tuning_file import read_tuning
+from experiments.recording.recording import RunResult
 from experiments.running.run import prepare, run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.passing_sphere import AHEAD, DISTANCE, Passage
+from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.walk import Walk
 from experiments.studies import robustness as study
 from experiments.studies.drawn_hands import DrawnHands
+from experiments.studies.index import read_study
 from experiments.studies.robustness import (
     BARRIERS,
     BEFORE,
     SCENARIOS,
-    RobustnessTask,
     check_robustness,
     draw,
     filter_options,
     robustness,
-    robustness_tasks,
+    robustness_cases,
+    robustness_row,
     summed,
 )
+from experiments.studies.runs import Run
 from experiments.studies.study_options import RobustnessOptions, TuneOptions
 from experiments.studies.tuning_scenarios import tuning_runs
+from experiments.studies.work import WorkOptions
 from robots.errors import ConfigError, SafeWbcError
 from robots.loader import load_robot
 from safety.barriers.rows import FAMILIES
@@ -77,7 +80,9 @@ def test_the_hands_of_a_draw_are_those_that_run() -> None:
 
 def test_seeds_are_not_those_of_tuning(tmp_path: Path) -> None:
     tuned = {run.options.seed for run in tuning_runs(load_robot("g1"), TuneOptions())}
-    assert not tuned & {task.seed for task in robustness_tasks(RobustnessOptions(parameters=("own",)), tmp_path)}
+    assert not tuned & {
+        case.labels["seed"] for case in robustness_cases(RobustnessOptions(parameters=("own",)), tmp_path)
+    }
 
 
 def test_spheres_are_drawn_and_pass_the_hand_that_they_come_to(robot_name: str) -> None:
@@ -126,11 +131,16 @@ def test_a_passage_that_cannot_be_is_refused(change: dict[str, float]) -> None:
 def test_sets_of_parameters_are_compared_on_the_same_draws(tmp_path: Path) -> None:
     options = RobustnessOptions(robots=("tocabi",), parameters=("before", "own", "adaptive", "own-adaptive"), seeds=2)
     check_robustness(options)
-    tasks = robustness_tasks(options, tmp_path)
-    assert len(tasks) == 4 * 2 * len(options.scenarios)
-    for a, b, c, d in zip(*(tasks[i::4] for i in range(4)), strict=True):
-        assert {(t.scenario, t.seed) for t in (a, b, c, d)} == {(a.scenario, a.seed)}
-        assert [t.parameters for t in (a, b, c, d)] == ["before", "own", "before, adaptive", "own, adaptive"]
+    cases = robustness_cases(options, tmp_path)
+    assert len(cases) == 4 * 2 * len(options.scenarios)
+    assert len({case.key for case in cases}) == len(cases)
+    for group in zip(*(cases[i::4] for i in range(4)), strict=True):
+        assert len({(case.labels["scenario"], case.labels["seed"]) for case in group}) == 1
+        names = [case.labels["parameters"] for case in group]
+        assert names == ["before", "own", "before, adaptive", "own, adaptive"]
+        runs = [case.evaluate.scenario for case in group if isinstance(case.evaluate, Run)]
+        a, b, c, d = (r for r in runs if isinstance(r, Scenario))
+        assert {dataclasses.replace(r, safety=FilterOptions()).key() for r in (a, b, c, d)} == {b.key()}
         assert d.safety == FilterOptions(adaptive=True)
         assert a.safety.tuning == c.safety.tuning
         assert (a.safety.adaptive, c.safety.adaptive) == (False, True)
@@ -146,13 +156,11 @@ def test_before_names_every_family_that_is_tuned(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("barrier", BARRIERS)
 @pytest.mark.parametrize(("least", "below"), [(1e-9, False), (0.0, False), (-1e-9, True)])
-def test_a_run_counts_as_below_where_any_barrier_was(
-    barrier: str, least: float, below: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_run_counts_as_below_where_any_barrier_was(barrier: str, least: float, below: bool) -> None:
     heights = {f"min_h_{key}": None if key == "obstacle_m" else 0.02 for key in BARRIERS} | {f"min_h_{barrier}": least}
     ended = {"fell": False, "stop_cause": None, "hand_rmse_m": 0.01, "hand_rmse_outside_conflict_m": 0.01}
-    monkeypatch.setattr(study, "run", lambda scenario: SimpleNamespace(summary=heights | ended))
-    line = RobustnessTask("g1", "circles", 1, "own", FilterOptions())()
+    config = {"scenario": Walk().to_json()}
+    line = robustness_row(RunResult(load_robot("g1"), config, heights | ended, {}))
     assert line["below"] is below
     assert line[f"min_h_{barrier}"] == least
 
@@ -198,12 +206,16 @@ def test_a_study_writes_its_lines(
     prepare(short)
     monkeypatch.setattr(study, "draw", lambda *args: short)
     options = RobustnessOptions(
-        robots=("g1",), scenarios=("target",), seeds=1, jobs=1, parameters=("before", "own"), out=tmp_path / "study"
+        robots=("g1",),
+        scenarios=("target",),
+        seeds=1,
+        parameters=("before", "own"),
+        work=WorkOptions(jobs=1, out=tmp_path / "study"),
     )
     assert robustness(options) == 0
-    lines = [json.loads(line) for line in (tmp_path / "study" / "rows.jsonl").read_text().splitlines()]
-    assert [line["parameters"] for line in lines] == ["before", "own"]
-    assert all(line["drawn"]["mass_scale"] == 1.1 for line in lines)
+    rows = read_study(tmp_path / "study").rows()
+    assert [row.labels["parameters"] for row in rows] == ["before", "own"]
+    assert all(row.metrics["drawn"]["mass_scale"] == 1.1 for row in rows)
     assert capsys.readouterr().out.count("| g1 | target |") == 2
 
 
@@ -212,7 +224,7 @@ def test_a_study_writes_its_lines(
     [
         {"seeds": 0},
         {"first_seed": -1},
-        {"jobs": 0},
+        {"work": WorkOptions(jobs=0)},
         {"scenarios": ("dance",)},
         {"scenarios": ()},
         {"robots": ()},

@@ -1,0 +1,62 @@
+"""``study.json``: which cases a folder of rows belongs to, so that tables can be made from the folder alone."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from experiments.recording.plain import plain
+from experiments.studies.case import Row, Study
+from experiments.studies.store import RowStore, read_json, row_from, write_whole
+from robots.errors import ConfigError
+
+FILE = "study.json"
+
+
+@dataclass(frozen=True, slots=True)
+class StudyFolder:
+    """A study as its folder tells of it.
+
+    Attributes:
+        folder: of the study.
+        title: of the study.
+        command: that makes it.
+        cases: key, labels and folder of each, in order.
+    """
+
+    folder: Path
+    title: str
+    command: str
+    cases: tuple[Mapping[str, Any], ...]
+
+    def rows(self) -> list[Row]:
+        """The rows that are there, in the order of the cases."""
+        return list(self._rows())
+
+    def _rows(self) -> Iterator[Row]:
+        store = RowStore(self.folder)
+        for case in self.cases:
+            if case["key"] in store:
+                table = read_json(self.folder / "rows" / f"{case['key']}.json")
+                yield row_from(table, case["key"], case["labels"], case["folder"])
+
+
+def write_index(study: Study, folder: Path) -> None:
+    """Write ``study.json``."""
+    cases = [{"key": case.key, "labels": case.labels, "folder": case.folder} for case in study.cases]
+    content = {"title": study.title, "command": study.command, "cases": cases}
+    write_whole(folder / FILE, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
+
+
+def read_study(folder: Path) -> StudyFolder:
+    """What a folder says of its study.
+
+    Raises:
+        ConfigError: it is no folder of a study.
+    """
+    table = read_json(folder / FILE)
+    try:
+        return StudyFolder(folder, table["title"], table["command"], tuple(table["cases"]))
+    except KeyError as missing:
+        raise ConfigError("study", str(folder / FILE), f"an object with the entry {missing}") from missing

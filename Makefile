@@ -43,7 +43,7 @@ format: $(STAMP) ## Format, and mend what lint can mend.
 	$(BIN)/ruff format .
 
 docs-output: $(STAMP) ## The tables of docs/output.md, made from the declarations.
-	$(BIN)/python -m experiments.metrics.output_page docs/output.md
+	$(BIN)/python -m experiments.cli.output_page docs/output.md
 
 bench: $(STAMP) ## Time of one tick, by stage.
 	$(BIN)/safewbc bench tick $(ARGS)

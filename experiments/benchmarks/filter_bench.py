@@ -12,8 +12,8 @@ import numpy as np
 
 from experiments.benchmarks.filter_recording import Solvable, record
 from experiments.benchmarks.filter_scenes import BASES, OBSTACLES, SCENES, Moment, Problem, order_of
-from experiments.cli.console import make_console
 from experiments.reports.table import Column, Row, Table, show
+from experiments.running.terminal import make_console
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between, require_one_of
 from robots.errors import ConfigError

@@ -8,8 +8,8 @@ from matplotlib.figure import Figure
 
 from experiments.benchmarks.crossing import NOISE
 from experiments.benchmarks.straight_arms import WAYS, command_steps
+from experiments.benchmarks.study_print import Runs
 from experiments.benchmarks.tracking import follow, study_motions
-from experiments.cli.study_print import Runs
 from experiments.reports.plots.style import FILTERED, INK, as_png, label_time, new_axes, shared_legend
 from robots.loader import load_robot
 from safety.tracking import MODELS, TrackerSettings

@@ -9,7 +9,7 @@ import numpy as np
 from controllers.agent import Agent, AgentOutput
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.robot_config import controller_config
-from experiments.cli.study_print import show_study
+from experiments.benchmarks.study_print import show_study
 from experiments.metrics.metric import Metric
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.scenarios.options import BenchOptions

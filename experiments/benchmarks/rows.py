@@ -11,8 +11,8 @@ import numpy as np
 from experiments.benchmarks.worst import Figures, checked_robots, play
 from experiments.benchmarks.worst_course import Course, undisturbed
 from experiments.benchmarks.worst_scenes import Scene
-from experiments.cli.console import make_console
 from experiments.reports.table import Column, Row, Table, show
+from experiments.running.terminal import make_console
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between
 from robots.description import Body, CollisionShape, Posture, RobotDescription

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from experiments.cli.study_print import show_study
+from experiments.benchmarks.study_print import show_study
 from experiments.metrics.metric import Metric
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking

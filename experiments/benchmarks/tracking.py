@@ -9,11 +9,11 @@ import numpy as np
 from rich.console import Console
 
 from experiments.benchmarks.crossing import CROSSING, NOISE, TICK, crossing_study
-from experiments.cli.console import make_console
-from experiments.cli.study_print import write_study
+from experiments.benchmarks.study_print import write_study
 from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
+from experiments.running.terminal import make_console
 from experiments.scenarios.options import BenchOptions
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings

@@ -16,8 +16,8 @@ import numpy as np
 from controllers.whole_body.controller import STAGES
 from experiments.benchmarks.worst_course import Course, undisturbed
 from experiments.benchmarks.worst_scenes import SCENES
-from experiments.cli.console import make_console
 from experiments.reports.table import Column, Row, Table, show
+from experiments.running.terminal import make_console
 from experiments.scenarios.options import BenchOptions
 from robots.checks import require_between
 from robots.description import RobotDescription

@@ -2,14 +2,7 @@
 
 from collections.abc import Callable, Sequence
 
-from experiments.cli.console import (
-    ask_to_stop,
-    exit_code,
-    make_console,
-    progress,
-    results_folder,
-    write_media,
-)
+from experiments.cli.console import exit_code, write_media
 from experiments.recording.recording import RunResult, save_result
 from experiments.recording.store import write_run
 from experiments.reports.metric_tables import runs_table
@@ -17,6 +10,7 @@ from experiments.reports.table import show
 from experiments.running.ending import INTERRUPTED, Interruption
 from experiments.running.recorder import Progress
 from experiments.running.run import Prepared, prepare, run_prepared
+from experiments.running.terminal import ask_to_stop, make_console, progress, results_folder
 from experiments.running.warmup import warm_up
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import DemoOptions, FilterOptions, PlantOptions

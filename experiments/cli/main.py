@@ -131,7 +131,7 @@ COMMANDS: dict[type, str] = {
     PivotOptions: "studies.pivot:show_pivot",
     PushSearchOptions: "studies.pushes:pushes",
     RandomWalksOptions: "studies.random_walks:random_walks",
-    ReplayOptions: "recording.replay:replay",
+    ReplayOptions: "cli.replay:replay",
     RobustnessOptions: "studies.robustness:robustness",
     TableOptions: "studies.results_tables:table",
     TuneOptions: "studies.tune:tune",

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from experiments.cli.console import unused
+from experiments.running.terminal import unused
 from experiments.studies.backends import Backend, LocalBackend, connect
 from experiments.studies.case import Row, Study
 from experiments.studies.engine import rows_of

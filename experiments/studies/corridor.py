@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from experiments.cli.console import ask_to_stop, make_console, progress, results_folder
 from experiments.recording.recording import save_result
 from experiments.recording.store import add_file, write_json, write_run
 from experiments.reports.corridor_table import corridor_table
@@ -23,6 +22,7 @@ from experiments.running.corridor_loop import (
     variant_title,
 )
 from experiments.running.ending import INTERRUPTED
+from experiments.running.terminal import ask_to_stop, make_console, progress, results_folder
 from experiments.scenarios.corridor import (
     CLOSING,
     COMING,

@@ -6,10 +6,10 @@ from typing import Any
 from controllers.whole_body.config import FilterTuning
 from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
-from experiments.cli.console import make_console, results_folder
 from experiments.recording.recording import GUARANTEED
 from experiments.reports.table import Column, Row, Table, show
 from experiments.running.run import prepare
+from experiments.running.terminal import make_console, results_folder
 from experiments.running.warmup import warm_up
 from experiments.scenarios.options import OutputOptions
 from experiments.studies.study_options import TuneOptions

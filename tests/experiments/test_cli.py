@@ -17,7 +17,7 @@ from controllers.whole_body.controller import STAGES
 from experiments.cli import console
 from experiments.cli import main as cli
 from experiments.recording.recording import load_result
-from experiments.running import warmup
+from experiments.running import terminal, warmup
 from experiments.scenarios.options import OutputOptions, PlantOptions
 from experiments.scenarios.registry import SCENARIOS
 from experiments.scenarios.scenario import Scenario
@@ -399,6 +399,7 @@ import signal
 signal.signal(signal.SIGINT, signal.default_int_handler)
 from experiments.cli import main as cli
 from experiments.cli import console
+from experiments.running import terminal
 from experiments.running.recorder import Progress
 run_prepared = console.run_prepared
 def told(given, observers):
@@ -453,16 +454,16 @@ def test_two_runs_in_one_folder_are_refused_and_a_killed_one_leaves_nothing_in_t
 
 def test_unused_folders_are_numbered(tmp_path: Path) -> None:
     first = tmp_path / "run"
-    assert console.unused(first) == first
+    assert terminal.unused(first) == first
     for name in ("run", "run-2", "run-3"):
         (tmp_path / name).mkdir()
-    assert console.unused(first) == tmp_path / "run-4"
+    assert terminal.unused(first) == tmp_path / "run-4"
 
 
 def test_a_folder_that_is_given_is_used_as_it_is(tmp_path: Path) -> None:
     given = tmp_path / "given"
     given.mkdir()
-    with console.results_folder(OutputOptions(out=given), "stand") as folder:
+    with terminal.results_folder(OutputOptions(out=given), "stand") as folder:
         assert folder == given
 
 

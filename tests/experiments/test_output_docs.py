@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.controller import STAGES
+from experiments.cli.output_page import with_tables
 from experiments.metrics.declared_motion import DRAWN
-from experiments.metrics.output_page import with_tables
 from experiments.recording.recording import FILTER_STATUSES, RunResult, save_result
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking

@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from experiments.cli import main as cli
+from experiments.cli.replay import TIMES, array_differences
 from experiments.recording.plain import plain
 from experiments.recording.recording import load_result, save_result
-from experiments.recording.replay import TIMES, array_differences
 from experiments.running.run import run
 from experiments.scenarios.content import from_plain
 from experiments.scenarios.options import FilterOptions, PlantOptions

@@ -15,7 +15,7 @@ from experiments.benchmarks.straight_arms import (
     step_figures,
     straight_study,
 )
-from experiments.cli.study_print import show_study
+from experiments.benchmarks.study_print import show_study
 
 
 def test_steps_are_the_largest_change_of_any_joint_and_the_base_does_not_count() -> None:

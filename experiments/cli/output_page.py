@@ -1,4 +1,4 @@
-"""The tables of docs/output.md, made from the declarations: ``python -m experiments.metrics.output_page FILE``."""
+"""The tables of docs/output.md, made from the declarations: ``python -m experiments.cli.output_page FILE``."""
 
 import sys
 from collections.abc import Iterator, Sequence

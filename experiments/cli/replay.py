@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.cli.console import make_console, progress
 from experiments.metrics.balance import versions
 from experiments.recording.plain import plain
 from experiments.recording.recording import RunResult, load_result
@@ -14,6 +13,7 @@ from experiments.running.corridor_loop import DT, run_case
 from experiments.running.ending import INTERRUPTED, InterruptionAt
 from experiments.running.recorder import Progress
 from experiments.running.run import run
+from experiments.running.terminal import make_console, progress
 from experiments.running.warmup import warm_up
 from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.options import ReplayOptions

@@ -7,10 +7,10 @@ from typing import Any
 
 from rich.console import Console
 
-from experiments.cli.console import make_console
 from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
+from experiments.running.terminal import make_console
 
 Runs = Sequence[tuple[Mapping[str, Any], Any]]
 """What a study of runs gives: figures and series of each."""

@@ -111,7 +111,7 @@ class Trace(Observer):
         self._ticks: list[dict[str, Any]] = []
         self._torque: list[Array] = []
 
-    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
         """See :meth:`Observer.ticked`."""
         result = output.result
         self._kin.update(state.q, state.v)
@@ -120,7 +120,7 @@ class Trace(Observer):
         h = self._barriers.evaluate(self._kin).h.min()
         self._ticks.append({"time": loop.time, "h": h, "v": v, "failed": failed})
 
-    def stepped(self, loop: ClosedLoop) -> None:
+    def stepped(self, loop: ClosedLoop[Any]) -> None:
         """See :meth:`Observer.stepped`."""
         self._torque.append(self._plant.torque / self._plant.effort)
 

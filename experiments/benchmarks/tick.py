@@ -129,7 +129,7 @@ class States(Observer):
     def __init__(self) -> None:
         self.kept: list[RobotState] = []
 
-    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
         """See :meth:`Observer.ticked`."""
         self.kept.append(state)
 

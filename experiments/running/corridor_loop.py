@@ -1,6 +1,5 @@
 """One filter in the corridor: the closed loop, what is kept of it, and its figures of merit."""
 
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -8,11 +7,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from controllers.policies.kinematic_agent import KinematicAgent, KinematicOutput
 from controllers.policies.nominal import NominalPolicy, benchmark_limits
 from experiments.metrics.balance import versions
 from experiments.metrics.scores import TOUCH, control_score, feasible_rate, safety_score, tracking_score
 from experiments.recording.recording import RunResult, description_digest
-from experiments.running.ending import INTERRUPTED
+from experiments.running.ending import Interruption
+from experiments.running.loop import ClosedLoop, Observer
+from experiments.running.recorder import Progress
 from experiments.scenarios.corridor import (
     CLOSING,
     COLLISION_MODEL,
@@ -29,10 +31,10 @@ from experiments.scenarios.corridor import (
 from experiments.scenarios.corridor_case import CorridorCase
 from robots.checks import require_between, require_one_of, require_positive
 from robots.description import RobotDescription
-from robots.messages import Array
+from robots.messages import Array, RobotState
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, SelfCollisionBarrier
 from safety.barriers.rows import BarrierRows
-from safety.filters.conditions import SET_MARGINS, BarrierParameters, FamilyParameters, ssa
+from safety.filters.conditions import SET_MARGINS, BarrierParameters, FamilyParameters, RowParameters, ssa
 from safety.filters.safety_filter import (
     KINDS,
     RELAXED,
@@ -42,6 +44,7 @@ from safety.filters.safety_filter import (
     SafetyFilter,
     explain,
 )
+from safety.geometry.shapes import Obstacle
 from sims.kinematic import KinematicPlant
 
 DT = 0.01
@@ -111,9 +114,9 @@ class CorridorLoop:
         start = start_posture(self.kin)
         self.kin.update_geometry(start)
         bodies = CollisionBodies(self.kin)
-        self.obstacles = ObstacleBarrier(bodies, scene.kinds, bodies.names)
+        self.obstacle_barrier = ObstacleBarrier(bodies, scene.kinds, bodies.names)
         own = SelfCollisionBarrier("self_collision", bodies, robot.self_collision_pairs)
-        self.barriers = BarrierSet(self.kin, bodies, [own, self.obstacles])
+        self.barriers = BarrierSet(self.kin, bodies, [own, self.obstacle_barrier])
         self.labels = tuple(_readable(label) for label in self.barriers.labels)
         limits = benchmark_limits(self.kin)
         points = [(robot.collisions[bodies.names.index(n)].body, offset) for n, offset in HAND_OFFSETS.items()]
@@ -126,49 +129,101 @@ class CorridorLoop:
         self.kind = KINDS[chosen]
         n = self.barriers.size
         self.filter = SafetyFilter(chosen, n, parameters, limits, settings=FilterSettings(infeasible=action))
-        # asked every tick whether SSA's conditions can be met, and what the least violation is
+        self.agent = KinematicAgent(self.kin, self.policy, self.barriers, self.filter, DT, self)
         self._probe = SafetyFilter("ssa", n, parameters, limits)
-        self._rows = parameters.of_rows(self.barriers.evaluate(self.kin).family, SET_MARGINS)
-        self._conflicts: dict[str, Conflict] = {}
+        self._ssa_rows = parameters.of_rows(self.barriers.evaluate(self.kin).family, SET_MARGINS)
 
-    def tick(self) -> dict[str, Any]:
-        """One control period; returns what happened, one entry per series of :class:`CorridorRun`."""
-        plant, kin, t = self.plant, self.kin, self.plant.time
-        kin.update_geometry(plant.q)
-        goals = self.scene.hand_goals(t)
-        for task, goal in zip(self.policy.points, goals, strict=True):
+    def move_goals(self, t: float) -> None:
+        """See :meth:`controllers.policies.kinematic_agent.Surroundings.move_goals`."""
+        for task, goal in zip(self.policy.points, self.scene.hand_goals(t), strict=True):
             task.position = goal
-        self.obstacles.set_obstacles(self.scene.obstacles(t))
-        rows = self.barriers.evaluate(kin)
-        v_des = self.policy.velocity(kin)
-        began = time.perf_counter()
-        result = self.filter.apply(rows, v_des)
-        spent = time.perf_counter() - began
-        least = self._probe.apply(rows, v_des)
-        of_ssa = self.kind.condition is ssa or not self.kind.joint
+
+    def obstacles(self, t: float) -> list[Obstacle]:
+        """See :meth:`controllers.policies.kinematic_agent.Surroundings.obstacles`."""
+        return self.scene.obstacles(t)
+
+    def run(
+        self, duration: float, advance: Callable[[float], None] | None = None, asked: Callable[[], bool] | None = None
+    ) -> CorridorRun:
+        """Run for ``duration`` [s].
+
+        Args:
+            duration: of the run.
+            advance: called with the simulated time now and then.
+            asked: whether the run is to end before its time, asked after every tick.
+        """
+        recorder = CorridorRecorder(self, SsaProbe(self._probe, self._ssa_rows))
+        interruption = Interruption(asked or never)
+        observers: list[Observer] = [recorder, interruption]
+        if advance is not None:
+            observers.append(Progress(advance))
+        ClosedLoop(self.plant, self.agent, observers=observers).run(duration)
+        series, explanation = recorder.series(), recorder.explanation()
+        head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.settings.infeasible}
+        ended = {"stop_cause": interruption.ended_by, "explanation": explanation}
+        return CorridorRun(
+            self.name, variant_title(self.name), head | summarise(series, self) | ended, series, explanation
+        )
+
+
+def never() -> bool:
+    """Nobody asks for an early end."""
+    return False
+
+
+@dataclass(frozen=True, slots=True)
+class SsaProbe:
+    """Asked every tick whether SSA's conditions can be met, and what the least violation is.
+
+    Attributes:
+        filter: SSA with least slack.
+        parameters: of its rows.
+    """
+
+    filter: SafetyFilter
+    parameters: RowParameters
+
+
+class CorridorRecorder(Observer):
+    """Keeps every tick in the corridor, and the conflicts that are worth telling."""
+
+    def __init__(self, loop: CorridorLoop, probe: SsaProbe) -> None:
+        self._of, self._probe = loop, probe
+        self._conflicts: dict[str, Conflict] = {}
+        self._ticks: list[dict[str, Any]] = []
+
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: KinematicOutput, seconds: float) -> None:
+        """See :meth:`Observer.ticked`."""
+        of, t, rows, result = self._of, state.stamp, output.rows, output.result
+        least = self._probe.filter.apply(rows, output.v_des)
+        of_ssa = of.kind.condition is ssa or not of.kind.joint
         infeasible = (least if of_ssa else result).status == FilterStatus.RELAXED
         violations = self._violations(rows, result)
         if infeasible:
             # filters that look at one row at a time know of no conflict
             self._note(t, least if result.candidates is None else result)
-        happened = {
-            "time": t,
-            "q": plant.q,
-            "v_des": v_des,
-            "v_safe": result.v,
-            "hands": np.array([task.place(kin) for task in self.policy.points]),
-            "goals": goals,
-            "h_obstacle": rows.h[self.barriers.slices["obstacle"]].reshape(-1, self.obstacles.count).copy(),
-            "h_self_collision": rows.h[self.barriers.slices["self_collision"]].copy(),
-            "violation": float(violations.sum()),
-            "violation_norm": float(np.linalg.norm(violations)),
-            "least_norm": float(np.linalg.norm(least.shortfall)) if of_ssa else np.nan,
-            "infeasible": infeasible,
-            "status": int(result.status),
-            "filter_ms": 1e3 * spent,
-        }
-        plant.step(result.v, DT)
-        return happened
+        self._ticks.append(
+            {
+                "time": t,
+                "q": state.q,
+                "v_des": output.v_des,
+                "v_safe": result.v,
+                "hands": np.array([task.place(of.kin) for task in of.policy.points]),
+                "goals": of.scene.hand_goals(t),
+                "h_obstacle": rows.h[of.barriers.slices["obstacle"]].reshape(-1, of.obstacle_barrier.count).copy(),
+                "h_self_collision": rows.h[of.barriers.slices["self_collision"]].copy(),
+                "violation": float(violations.sum()),
+                "violation_norm": float(np.linalg.norm(violations)),
+                "least_norm": float(np.linalg.norm(least.shortfall)) if of_ssa else np.nan,
+                "infeasible": infeasible,
+                "status": int(result.status),
+                "filter_ms": 1e3 * output.filter_seconds,
+            }
+        )
+
+    def series(self) -> dict[str, NDArray[Any]]:
+        """Everything recorded."""
+        return {name: np.array([tick[name] for tick in self._ticks]) for name in self._ticks[0]}
 
     def _note(self, t: float, result: FilterResult) -> None:
         """Keep the first conflict, the first one of closed boards, and the one with the largest violation."""
@@ -188,9 +243,9 @@ class CorridorLoop:
 
     def _violations(self, rows: BarrierRows, result: FilterResult) -> Array:
         """Amounts by which conditions are violated [m/s]: SSA's, where a filter has none of its own for all rows."""
-        if self.kind.joint:
+        if self._of.kind.joint:
             return result.shortfall
-        spaces = ssa(rows, self._rows)
+        spaces = ssa(rows, self._probe.parameters)
         gap = (spaces.b - spaces.A @ result.v)[spaces.active]
         return gap[gap > RELAXED]
 
@@ -199,36 +254,7 @@ class CorridorLoop:
             0: "the relaxed conditions could hold",
             1: "one condition alone: the joints are not fast enough (kinematics infeasibility)",
         }.get(len(result.conflict()), "each alone could be met, together they cannot (method infeasibility)")
-        return f"{explain(result, self.labels)}\n  {kind}"
-
-    def run(
-        self, duration: float, advance: Callable[[float], None] | None = None, asked: Callable[[], bool] | None = None
-    ) -> CorridorRun:
-        """Run for ``duration`` [s].
-
-        Args:
-            duration: of the run.
-            advance: called with the simulated time now and then.
-            asked: whether the run is to end before its time, asked after every tick.
-        """
-        ticks, interrupted = [], False
-        for k in range(max(1, round(duration / DT))):
-            ticks.append(self.tick())
-            if advance is not None and k % 20 == 0:
-                advance(self.plant.time)
-            if interrupted := asked is not None and asked():
-                break
-        if advance is not None and not interrupted:
-            advance(duration)
-        series = {name: np.array([tick[name] for tick in ticks]) for name in ticks[0]}
-        explanation = self.explanation()
-        head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.settings.infeasible}
-        summary = (
-            head
-            | summarise(series, self)
-            | {"stop_cause": INTERRUPTED if interrupted else None, "explanation": explanation}
-        )
-        return CorridorRun(self.name, variant_title(self.name), summary, series, explanation)
+        return f"{explain(result, self._of.labels)}\n  {kind}"
 
 
 def corridor_loop(case: CorridorCase) -> CorridorLoop:
@@ -275,7 +301,7 @@ def _readable(label: str) -> str:
 def summarise(series: dict[str, NDArray[Any]], loop: CorridorLoop) -> dict[str, Any]:
     """Figures of merit of one run; ``loop`` is the one that made the series."""
     h, own = series["h_obstacle"], series["h_self_collision"]
-    names = loop.obstacles.bodies.names if loop.obstacles.bodies is not None else ()
+    names = loop.obstacle_barrier.bodies.names if loop.obstacle_barrier.bodies is not None else ()
     hands = [names.index(n) for n in HAND_BODIES]
     depth, own_depth = D_MIN["obstacle"] - h, D_MIN["self_collision"] - own
     flat = np.concatenate([depth.reshape(len(h), -1), own_depth], axis=1)

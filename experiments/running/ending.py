@@ -1,6 +1,7 @@
 """When a run is over before its time: after a fall, a stop, or when the simulation breaks down."""
 
 from collections.abc import Callable
+from typing import Any
 
 from experiments.metrics.falls import has_fallen
 from experiments.recording.outcome import Outcome
@@ -30,7 +31,7 @@ class Ending(Observer):
         self._end = float("inf")
         self._stands_at = float(plant.true_state().q[2] - plant.sole_corners()[..., 2].mean())
 
-    def ends(self, loop: ClosedLoop) -> bool:
+    def ends(self, loop: ClosedLoop[Any]) -> bool:
         """See :meth:`Observer.ends`."""
         plant, agent, began = self._plant, loop.agent, loop.time - loop.agent.dt
         self.outcome.duration = plant.time
@@ -53,7 +54,7 @@ class Interruption(Observer):
         """``asked``: whether the run is to end."""
         self._asked = asked
 
-    def ends(self, loop: ClosedLoop) -> bool:
+    def ends(self, loop: ClosedLoop[Any]) -> bool:
         """See :meth:`Observer.ends`."""
         if self._asked():
             self.ended_by = INTERRUPTED
@@ -67,7 +68,7 @@ class InterruptionAt(Observer):
         """``duration``: of the other run [s]."""
         self._duration = duration
 
-    def ends(self, loop: ClosedLoop) -> bool:
+    def ends(self, loop: ClosedLoop[Any]) -> bool:
         """See :meth:`Observer.ends`."""
         if loop.time >= self._duration - 0.5 * loop.agent.dt:
             self.ended_by = INTERRUPTED

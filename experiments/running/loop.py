@@ -2,13 +2,28 @@
 
 import time
 from collections.abc import Sequence
-from typing import Protocol
+from typing import Any, Generic, Protocol, TypeVar
 
-from controllers.agent import Agent, AgentOutput
 from controllers.perception import Detection
 from experiments.running.laps import Laps
-from robots.messages import MotorCommand, RobotState
+from robots.messages import RobotState
 from robots.ports import Body
+
+
+class Driver(Protocol):
+    """What drives a body: an :class:`controllers.agent.Agent`, or one of its kind for a kinematic plant."""
+
+    @property
+    def dt(self) -> float:
+        """Control period [s]."""
+        ...
+
+    def tick(self, state: RobotState, detections: Sequence[Detection] = ()) -> Any:
+        """What it came to for a measured state; its ``command`` is for the body."""
+        ...
+
+
+AgentT = TypeVar("AgentT", bound=Driver)
 
 
 class World(Protocol):
@@ -43,29 +58,29 @@ class Observer:
 
     ended_by: str | None = None
 
-    def began(self, loop: "ClosedLoop") -> None:
+    def began(self, loop: "ClosedLoop[Any]") -> None:
         """The agent was reset; nothing has moved yet."""
 
-    def ticked(self, loop: "ClosedLoop", state: RobotState, output: AgentOutput, seconds: float) -> None:
+    def ticked(self, loop: "ClosedLoop[Any]", state: RobotState, output: Any, seconds: float) -> None:
         """The agent answered ``state`` with ``output`` within ``seconds``; the command was sent."""
 
-    def stepped(self, loop: "ClosedLoop") -> None:
+    def stepped(self, loop: "ClosedLoop[Any]") -> None:
         """A physics step has passed."""
 
-    def ends(self, loop: "ClosedLoop") -> bool:
+    def ends(self, loop: "ClosedLoop[Any]") -> bool:
         """Whether this control period was the last one; asked at its end."""
         return False
 
-    def ended(self, loop: "ClosedLoop") -> None:
+    def ended(self, loop: "ClosedLoop[Any]") -> None:
         """The run is over."""
 
 
-class ClosedLoop:
+class ClosedLoop(Generic[AgentT]):
     """Lets an agent drive a body: measure, tick, send, advance. It keeps nothing of what has passed.
 
     Args:
         body: what is driven.
-        agent: what drives it; it is reset in the first period.
+        agent: what drives it.
         world: around the body.
         observers: told in their order.
         steps: physics steps of a control period: how often observers are told within it.
@@ -78,8 +93,8 @@ class ClosedLoop:
 
     def __init__(
         self,
-        body: Body[MotorCommand],
-        agent: Agent,
+        body: Body[Any],
+        agent: AgentT,
         world: World | None = None,
         observers: Sequence[Observer] = (),
         steps: int = 1,

@@ -69,7 +69,7 @@ class Recorder(Observer):
         self._nowhere = np.full(self._state.v.size, np.nan)
         self._v_safe = self._nowhere
 
-    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
         """See :meth:`Observer.ticked`."""
         result = output.result
         if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:
@@ -137,7 +137,7 @@ class Recorder(Observer):
             "stages": result.stage_seconds,
         }
 
-    def stepped(self, loop: ClosedLoop) -> None:
+    def stepped(self, loop: ClosedLoop[Any]) -> None:
         """See :meth:`Observer.stepped`."""
         plant, pairs, book = self.plant, self.truth.slices["self_collision"], self._laps.book
         state = self._state = plant.true_state()
@@ -200,12 +200,12 @@ class Progress(Observer):
         """``tell`` is called with the time that has passed [s]."""
         self._tell = tell
 
-    def ends(self, loop: ClosedLoop) -> bool:
+    def ends(self, loop: ClosedLoop[Any]) -> bool:
         """See :meth:`Observer.ends`."""
         if loop.ticks % self.EVERY == 1:
             self._tell(loop.time - loop.agent.dt)
         return False
 
-    def ended(self, loop: ClosedLoop) -> None:
+    def ended(self, loop: ClosedLoop[Any]) -> None:
         """See :meth:`Observer.ended`."""
         self._tell(loop.time)

@@ -164,7 +164,7 @@ def test_labels_and_distances_belong_together(
     """Against the distance of the body's centre to the sphere, computed by hand."""
     loop, run = corridor_loops["pssa"], corridor_runs["pssa"]
     conditions(loop, run, 700)
-    bodies = loop.obstacles.bodies
+    bodies = loop.obstacle_barrier.bodies
     assert bodies is not None
     ball = loop.scene.obstacles(float(run.series["time"][700]))[2]
     expected = np.linalg.norm(bodies.origin - ball.position, axis=1) - bodies.radius - ball.radius

@@ -41,8 +41,8 @@ def test_closed_boards_are_both_too_near_and_neither_touches_the_hand_in_the_mid
 ) -> None:
     """The conflict of figure 2(b): both phi >= 0, both distances above 0."""
     loop = CorridorLoop(corridor_g1, Corridor(gap), "none")
-    assert loop.obstacles.bodies is not None
-    hand = corridor_g1.collisions[loop.obstacles.bodies.names.index("left_hand")]
+    assert loop.obstacle_barrier.bodies is not None
+    hand = corridor_g1.collisions[loop.obstacle_barrier.bodies.names.index("left_hand")]
     assert hand.radius == HAND_RADIUS
     boards = loop.scene.obstacles(CLOSING[1])[:2]
     for board, side in zip(boards, (-1, 1), strict=True):

@@ -29,7 +29,7 @@ def test_figures_are_those_of_the_series(
 ) -> None:
     for name, run in corridor_runs.items():
         series, summary = run.series, run.summary
-        bodies = corridor_loops[name].obstacles.bodies
+        bodies = corridor_loops[name].obstacle_barrier.bodies
         assert bodies is not None
         left, right = (series["h_obstacle"][:, bodies.names.index(f"{side}_hand")] for side in ("left", "right"))
         assert summary["phi_hand_max_m"] == pytest.approx(0.05 - left.min(), abs=1e-15)

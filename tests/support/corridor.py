@@ -15,7 +15,7 @@ COMPARED = ("pssa", "rssa", NAIVE, "ssa", "cbf")
 def conditions(loop: CorridorLoop, run: CorridorRun, tick: int) -> tuple[BarrierRows, HalfSpaces, Array]:
     """Rows and SSA's conditions at a tick of a run, evaluated anew, and the bound of each velocity."""
     loop.kin.update_geometry(run.series["q"][tick])
-    loop.obstacles.set_obstacles(loop.scene.obstacles(float(run.series["time"][tick])))
+    loop.obstacle_barrier.set_obstacles(loop.scene.obstacles(float(run.series["time"][tick])))
     rows = loop.barriers.evaluate(loop.kin)
     spaces = ssa(rows, BarrierParameters().of_rows(rows.family, SET_MARGINS))
     return rows, spaces, benchmark_limits(loop.kin)

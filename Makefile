@@ -49,7 +49,7 @@ bench: $(STAMP) ## Time of one tick, by stage.
 	$(BIN)/safewbc bench tick $(ARGS)
 
 docs: $(DOCS_STAMP) ## The documentation as a site in build/site; a warning is an error.
-	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict --quiet
+	NO_MKDOCS_2_WARNING=1 $(DOCS_VENV)/bin/mkdocs build --strict
 	@echo "open build/site/index.html"
 
 lock: ## Remake requirements.lock (needs uv); LOCK_ARGS=--upgrade for newer versions.

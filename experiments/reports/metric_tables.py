@@ -1,6 +1,6 @@
 """Tables of figures: a row for each run, or the runs side by side."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
@@ -33,12 +33,6 @@ def runs_table(results: Sequence[RunResult]) -> Table:
         rows.append(Row((GROUPS[group],), bold=True, section=True))
         rows += [_line(metric, [plain(v) for v in values]) for metric, values in lines]
     return Table((Column("", words=True), *(Column(run_title(r)) for r in results)), tuple(rows))
-
-
-def side_by_side(headings: Sequence[str], lines: Iterable[tuple[Metric, Sequence[Any]]]) -> Table:
-    """A column under each of the ``headings``; of each line the figure and its value in every column."""
-    rows = tuple(_line(figure, values) for figure, values in lines)
-    return Table((Column("", words=True), *map(Column, headings)), rows)
 
 
 def _line(figure: Metric, values: Sequence[Any]) -> Row:

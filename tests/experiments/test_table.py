@@ -11,7 +11,7 @@ from rich.cells import cell_len
 from rich.console import Console
 
 from experiments.metrics.metric import Metric
-from experiments.reports.metric_tables import rows_table, runs_table, side_by_side
+from experiments.reports.metric_tables import rows_table, runs_table
 from experiments.reports.table import Cell, Column, Row, Table, show
 from experiments.reports.terminal_table import TerminalTable
 from robots.errors import ConfigError
@@ -74,7 +74,7 @@ def test_markdown_has_title_heads_rows_and_caption() -> None:
 
 
 def test_markdown_of_rows_with_units_has_them_beside_the_words() -> None:
-    table = side_by_side(["CBF", "none"], [(Metric("h", "nearest", "mm", 1e3), (0.012, None))])
+    table = Table((Column("", words=True), Column("CBF"), Column("none")), (Row(("nearest", "12", "-"), "mm"),))
     assert table.markdown() == "|  | CBF | none |\n| --- | --- | --- |\n| nearest (mm) | 12 | - |"
 
 
@@ -151,7 +151,7 @@ def test_html_has_every_cell_and_marks_what_should_not_be() -> None:
 
 
 def test_html_of_rows_with_units_has_a_column_of_them() -> None:
-    table = side_by_side(["CBF"], [(Metric("h", "nearest", "mm", 1e3, "negative"), (-0.012,))])
+    table = Table((Column("", words=True), Column("CBF")), (Row(("nearest", Cell("-12", bad=True)), "mm"),))
     assert Cells(str(table.html())).cells[3:] == [("words", "nearest"), ("bad", "-12"), ("unit", "mm")]
 
 
@@ -185,7 +185,14 @@ def test_runs_stand_side_by_side_under_their_titles() -> None:
     runs = [made_run(ticks=1), made_run(ticks=1, filter="none")]
     table = runs_table(runs)
     assert [c.heading for c in table.columns] == ["", "ISSf-CBF", "no filter"]
-    assert [row.cells for row in table.rows] == [("fell", Cell("no"), Cell("no"))]
+    assert [row.cells for row in table.rows] == [
+        ("outcome",),
+        ("fell", Cell("no"), Cell("no")),
+        ("safety",),
+        ("smallest self-collision barrier", Cell("50"), Cell("50")),
+    ]
+    assert [row.unit for row in table.rows] == ["", "", "", "mm"]
+    assert [row.section for row in table.rows] == [True, False, True, False]
 
 
 def test_a_table_needs_columns_and_room_for_its_cells() -> None:

@@ -7,17 +7,21 @@ import numpy as np
 
 from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
 from controllers.perception import Detection
+from controllers.policies.kinematic_agent import KinematicAgent, KinematicOutput
 from controllers.whole_body.robot_config import controller_config
 from experiments.metrics.metric import Metric
+from experiments.running.loop import ClosedLoop, Observer
 from experiments.scenarios.passing_sphere import AHEAD, DISTANCE, RADIUS
 from robots.checks import require_one_of
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
+from robots.messages import Array, RobotState
 from robots.pinocchio_model import upper_body_joints
 from safety.barriers.barrier_set import ObstacleBarrier, standard_barriers
 from safety.filters.safety_filter import SafetyFilter
 from safety.geometry.shapes import Obstacle
 from safety.tracking import TrackerSettings
+from sims.kinematic import KinematicPlant
 from sims.obstacles import PositionSensor, StraightMotion
 
 TICK = 0.002
@@ -88,28 +92,49 @@ class Crossing:
 
     def run(self) -> tuple[float, float]:
         """Smallest true distance of the obstacle [m], and the RMS length of the joints' acceleration [rad/s^2]."""
-        q, v, smallest, squared = self._home, np.zeros(self._kin.nv), np.inf, 0.0
-        times = TICK * np.arange(round(self._duration / TICK))
-        for t in times:
-            self._kin.update_geometry(q)
-            smallest = min(smallest, self._true_distance(t))
-            self._obstacles.set_obstacles(self._believed(t))
-            last, v = v, self._filter.apply(self._barriers.evaluate(self._kin), RETURN * (self._home - q)).v
-            squared += float(np.sum((v - last) ** 2)) / TICK**2
-            q = self._kin.integrate(q, v, TICK)
-        return smallest, float(np.sqrt(squared / len(times)))
+        agent = KinematicAgent(self._kin, self, self._barriers, self._filter, TICK, self)
+        trace = _Trace(self)
+        ClosedLoop(KinematicPlant(self._kin, self._home), agent, observers=[trace]).run(self._duration)
+        return trace.smallest, float(np.sqrt(trace.squared / trace.ticks))
 
-    def _true_distance(self, t: float) -> float:
+    def velocity(self, kin: Kinematics) -> Array:
+        """Back to the posture; see :class:`controllers.policies.kinematic_agent.Policy`."""
+        return RETURN * (self._home - kin.q)
+
+    def move_goals(self, t: float) -> None:
+        """The posture stays; see :class:`controllers.policies.kinematic_agent.Surroundings`."""
+
+    def true_distance(self, t: float) -> float:
+        """Of the obstacle to the robot where its kinematics are, at ``t`` [s]; below 0 inside [m]."""
         self._obstacles.set_obstacles([Obstacle.sphere(self._sphere.position(t), RADIUS)])
         return float(self._barriers.evaluate(self._kin).h[self._barriers.slices["obstacle"]].min())
 
-    def _believed(self, t: float) -> list[Obstacle]:
+    def obstacles(self, t: float) -> list[Obstacle]:
+        """As the track has it; see :class:`controllers.policies.kinematic_agent.Surroundings`."""
         place, velocity = self._sphere.position(t), self._sphere.velocity(t)
         measured = self._sensor.measure(place, t)
         seen = measured is not None
         shape = Obstacle.sphere(place if measured is None else measured, RADIUS, velocity)
         self._tracker.observe(Detection("sphere", t, shape, seen))
         return list(self._tracker.obstacles(t).values())
+
+
+class _Trace(Observer):
+    """Keeps what :meth:`Crossing.run` is after."""
+
+    def __init__(self, crossing: Crossing) -> None:
+        self._crossing = crossing
+        self.smallest, self.squared, self.ticks = np.inf, 0.0, 0
+        self._last: Array | None = None
+
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: KinematicOutput, seconds: float) -> None:
+        """See :meth:`Observer.ticked`."""
+        v = output.command
+        change = v if self._last is None else v - self._last
+        self._last = v
+        self.squared += float(np.sum(change**2)) / TICK**2
+        self.smallest = min(self.smallest, self._crossing.true_distance(state.stamp))
+        self.ticks += 1
 
 
 def crossing_study(

@@ -133,7 +133,7 @@ def told(velocity: str, monkeypatch: pytest.MonkeyPatch) -> tuple[list[Obstacle]
     with monkeypatch.context() as patch:
         patch.setattr(ObstacleBarrier, "set_obstacles", spy)
         Crossing("none", SPEED, velocity, seed=4).run()
-    return given[::2], given[1::2]
+    return given[1::2], given[::2]
 
 
 @pytest.mark.parametrize("velocity", KNOWLEDGE)

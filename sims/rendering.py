@@ -69,6 +69,9 @@ def rendering_problem() -> str | None:
     """Why no image can be rendered on this machine, with what to install; ``None`` when it works."""
     try:
         context = _open_gl_context(16, 16)
+        context.make_current()
+        # some back ends open without a display, and say only here that there is nothing to draw on
+        mujoco.MjrContext(mujoco.MjModel.from_xml_string("<mujoco/>"), mujoco.mjtFontScale.mjFONTSCALE_100.value).free()
     except RenderingError as error:
         return str(error)
     except Exception as error:  # the GL bindings raise whatever their missing library makes them raise

@@ -67,7 +67,9 @@ def claimed(folder: Path, overwrite: bool = False) -> Iterator[Path]:
         with _locked(folder):
             _recover(folder)
             if not overwrite and holds_run(folder):
-                raise ConfigError("out", str(folder), "a folder without a run: it holds one (--overwrite replaces it)")
+                raise ConfigError(
+                    "out", str(folder), "a folder without a run, or with --overwrite where the command has it"
+                )
             yield folder
     finally:
         if made:

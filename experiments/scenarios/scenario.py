@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import tyro
 
 from experiments.metrics.metric import Metric
-from experiments.recording.channels import Channel
 from experiments.scenarios.content import Content
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
@@ -61,8 +60,6 @@ class Runnable(Content, ABC):
     """On the command line, in files and folders."""
     metrics: ClassVar[tuple[Metric, ...]] = ()
     """Metrics that other runs do not have, declared."""
-    channels: ClassVar[tuple[Channel, ...]] = ()
-    """Recorded arrays that other runs do not have, declared."""
 
     def to_json(self) -> dict[str, Any]:
         """See :meth:`Content.to_json`; names the class besides, so that :func:`read_scenario` finds it."""

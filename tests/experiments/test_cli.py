@@ -293,6 +293,21 @@ def test_a_run_leaves_configuration_summary_series_and_report(tmp_path: Path) ->
     assert "results: here" in done.stdout
 
 
+def test_a_run_without_a_display_says_so_and_writes_the_report(tmp_path: Path) -> None:
+    """MuJoCo's window opens without a display, and fails only where something is drawn."""
+    arguments = ("run", "stand", "--duration", "0.1", "--out", "g")
+    outcome = in_a_process(tmp_path, *arguments, MUJOCO_GL="glfw", DISPLAY="", WAYLAND_DISPLAY="")
+    assert outcome.code == 0, outcome.err
+    assert "Traceback" not in outcome.err
+    assert "no pictures or no video: " in outcome.out
+    assert sorted(p.name for p in (tmp_path / "g").iterdir()) == [
+        "config.json",
+        "report.html",
+        "series.npz",
+        "summary.json",
+    ]
+
+
 def test_hand_tracking_summarises_the_same_and_more(safewbc: CommandLine) -> None:
     outcome = safewbc("run", "hand-tracking", "--duration", "0.2", "--out", "h", "--robot", "tocabi", *QUICK)
     assert outcome.code == 0

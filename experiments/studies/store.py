@@ -138,13 +138,14 @@ def sound(row: Row) -> dict[str, Any]:
 
 def evaluated(case: Case, store: RowStore) -> Row:
     """Evaluate a case; what it raises becomes the error of its row."""
-    start = time.monotonic()
+    # first: what is evaluated is stored at once, so that a kill between the two is as unlikely as can be
+    versions, start = _versions(), time.monotonic()
     try:
         metrics, error = dict(case.evaluate(store)), None
         json.dumps(plain(metrics), allow_nan=False)
     except Exception as raised:
         metrics, error = {}, f"{type(raised).__name__}: {raised}"
-    return Row(case.key, case.labels, metrics, error, time.monotonic() - start, _versions())
+    return Row(case.key, case.labels, metrics, error, time.monotonic() - start, versions)
 
 
 @functools.cache

@@ -159,7 +159,10 @@ def test_killed_with_all_its_workers_it_keeps_what_was_stored(
 def test_a_killed_worker_costs_no_case(ground: Playground, untouched: list[dict[str, Any]]) -> None:
     ground.tell("hold", "5")
     process = ground.start()
-    os.kill(ground.wait_for_begin(5), signal.SIGKILL)
+    worker = ground.wait_for_begin(5)
+    # what the other worker has in hand would go with it: it is ended too
+    ground.wait_until(7)
+    os.kill(worker, signal.SIGKILL)
     ground.tell("go")
     _, errors = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, errors

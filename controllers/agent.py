@@ -1,6 +1,5 @@
 """What runs on the robot: measured state and detections in, motor command out, one call a tick."""
 
-import copy
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -30,6 +29,9 @@ if TYPE_CHECKING:
     from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
 
 HANDS = ("left hand", "right hand")
+
+STILL = np.zeros(3)
+STILL.setflags(write=False)
 
 MakeMotion = Callable[[RobotDescription, WholeBodyReference], Motion]
 """Makes a motion from the robot and the references at the start."""
@@ -132,7 +134,7 @@ class Agent:
         self.tracker = self._make_tracker()
         self._obstacles: Sequence[Obstacle] = self._slots.fill({}, np.zeros(3))
         self._frozen: WholeBodyReference | None = None
-        self._sound_hands: tuple[PointReference, PointReference] | None = None
+        self._keep_hands()
 
     def _make_tracker(self) -> "ObstacleTracker | None":
         if not self._slots.kinds:
@@ -170,11 +172,11 @@ class Agent:
                 measured: a named posture that the robot was put in. That of ``state`` if not given.
         """
         self._begun, self._start_time = True, state.stamp
-        self._forget_everything()
         controller, kin = self.controller, self.controller.kin
         begin = state if start is None else replace(state, q=start, v=np.zeros(kin.nv))
         kin.update(begin.q, begin.v)
         self.reference = reference_here(kin, with_hands=controller.with_hands)
+        self._forget_everything()
         self.gait = None if self._make_gait is None else self._make_gait(kin)
         self.motions = []
         if self.gait is None and self._settle_time > 0.0:
@@ -233,7 +235,11 @@ class Agent:
         if self.tracker is None:
             return
         for detection in detections:
-            self.tracker.observe(detection)
+            try:
+                self.tracker.observe(detection)
+            except ConfigError as error:
+                # a clock that went back, say; the track is as it was, and grows old
+                self.hold(f"detection of {detection.name}: {error}", stamp)
         if fault := self.tracker.fault(stamp):
             self.hold(fault, stamp)
             self._obstacles = [obstacle.at_rest() for obstacle in self._obstacles]
@@ -261,21 +267,31 @@ class Agent:
 
     def _check_hands(self, stamp: float) -> None:
         """A hand sent to no number holds the robot, with both hands where they were sent last."""
-        hands = self.reference.hands
-        if hands is None:
+        reference = self.reference
+        if reference.hands is None:
             return
-        for name, hand in zip(HANDS, hands, strict=True):
-            if not all_finite(hand.position, hand.velocity, hand.acceleration):
+        axes = reference.hand_rotations or (STILL, STILL)
+        for name, hand, rotation, turn in zip(HANDS, reference.hands, axes, reference.hand_turns, strict=True):
+            if not all_finite(hand.position, hand.velocity, hand.acceleration, rotation, turn):
                 self.hold(f"reference of the {name} is not finite", stamp)
-                # not the one that was refused: whoever sent it may go on writing to it
-                self.reference.hands = copy.deepcopy(self._sound_hands) or self._hands_here()
+                self._send_hands_back()
                 return
-        self._sound_hands = hands
+        self._keep_hands()
 
-    def _hands_here(self) -> tuple[PointReference, PointReference]:
-        kin, roles = self.controller.kin, self.robot.roles
-        left, right = (kin.frame_placement(kin.frame_id(roles[r]))[1].copy() for r in ("left_hand", "right_hand"))
-        return PointReference(left), PointReference(right)
+    def _keep_hands(self) -> None:
+        """Remember where the hands are sent: copies, since whoever sends them may write to the same arrays again."""
+        left, right = self.reference.hands or (None, None)
+        self._sound_points = () if left is None or right is None else (left.position.copy(), right.position.copy())
+        self._sound_axes = tuple(axes.copy() for axes in self.reference.hand_rotations or ())
+
+    def _send_hands_back(self) -> None:
+        """Both hands where they were sent last, at rest, in references of their own."""
+        reference = self.reference
+        left, right = (PointReference(point.copy()) for point in self._sound_points)
+        reference.hands, reference.hand_turns = (left, right), np.zeros((2, 3))
+        if self._sound_axes:
+            of_left, of_right = (axes.copy() for axes in self._sound_axes)
+            reference.hand_rotations = of_left, of_right
 
     def _asked_for(self) -> WholeBodyReference:
         """The reference of this tick; after a stop without a gait, that of the moment of the stop, at rest."""

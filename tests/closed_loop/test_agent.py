@@ -169,6 +169,19 @@ def test_a_hand_sent_to_no_number_holds_the_robot(robot: RobotDescription, side:
     np.testing.assert_allclose(left_hand(plant), starts[0], rtol=0, atol=0.01)
 
 
+def test_axes_of_a_hand_that_are_no_numbers_hold_the_robot(robot: RobotDescription) -> None:
+    plant = standing_plant(robot, "hands_front")
+    agent = Agent(robot, controller_config(robot, hand_task="pose"), with_hands=True)
+    agent.reset(plant.state())
+    assert agent.reference.hand_rotations is not None
+    agent.reference.hand_rotations[1][0, 0] = np.nan
+    height, watch = float(plant.true_state().q[2]), Watch()
+    ClosedLoop(plant, agent, observers=[watch], steps=2).run(1.0)
+    assert agent.stop_cause == "reference of the right hand is not finite"
+    assert all(output.result is not None for output in watch.outputs)
+    assert is_upright(plant, height)
+
+
 def test_a_state_that_is_none_fades_the_motors_out_and_moves_nothing(robot: RobotDescription) -> None:
     plant, agent = hand_agent(robot)
     good = plant.state()
@@ -246,6 +259,18 @@ def test_a_track_that_grows_old_holds_the_robot_by_name(robot: RobotDescription)
     last = watch.outputs[-1]
     assert last.result is not None, "a hold computes on"
     np.testing.assert_array_equal(last.obstacles[0].velocity, 0.0)
+
+
+def test_a_detection_of_the_past_holds_the_robot_by_name(robot: RobotDescription) -> None:
+    plant, agent = hand_agent(robot, obstacle_slots=("sphere",))
+    far = sphere_at(np.array([3.0, 0.0, 1.0]))
+    for stamp in (0.0, 0.002, 0.0):
+        output = agent.tick(plant.state(), [Detection("ball", stamp, far)])
+        plant.send(output.command)
+        plant.advance(agent.dt)
+    assert agent.stop_cause is not None
+    assert agent.stop_cause.startswith("detection of ball: measurement stamp = 0")
+    assert output.result is not None, "a hold computes on"
 
 
 def test_a_detection_needs_a_slot(robot: RobotDescription) -> None:

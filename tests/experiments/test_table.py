@@ -185,7 +185,13 @@ def test_runs_stand_side_by_side_under_their_titles() -> None:
     runs = [made_run(ticks=1), made_run(ticks=1, filter="none")]
     table = runs_table(runs)
     assert [c.heading for c in table.columns] == ["", "ISSf-CBF", "no filter"]
-    assert [row.cells for row in table.rows] == [("fell", Cell("no"), Cell("no"))]
+    # each group of metrics under its name
+    assert [row.cells for row in table.rows] == [
+        ("outcome",),
+        ("fell", Cell("no"), Cell("no")),
+        ("safety",),
+        ("smallest self-collision barrier", Cell("50"), Cell("50")),
+    ]
 
 
 def test_a_table_needs_columns_and_room_for_its_cells() -> None:

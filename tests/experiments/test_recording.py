@@ -119,9 +119,9 @@ def test_laps_add_up_to_the_time_that_passed() -> None:
 
 def test_every_part_of_a_run_is_booked() -> None:
     before = time.perf_counter()
-    scenario, options = case("g1", "hands", 2000.0, "issf", 0.1)
-    assert (options.control_rate, options.plant.physics_dt, options.duration) == (2000.0, 0.0005, 0.1)
-    figures = loop_figures(scenario, options)
+    scenario = case("g1", "hands", 2000.0, "issf", 0.1)
+    assert (scenario.control_rate, scenario.plant.physics_dt, scenario.duration) == (2000.0, 0.0005, 0.1)
+    figures = loop_figures(scenario)
     passed = 1e3 * (time.perf_counter() - before)
     assert set(figures) == {*PARTS, "loop", "real_time_factor", "processor_share"}
     assert all(value > 0 for value in figures.values())

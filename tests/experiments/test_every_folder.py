@@ -3,7 +3,7 @@
 import json
 import shutil
 import sys
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,14 +11,17 @@ import pytest
 
 from experiments.cli import main as cli
 from experiments.recording.recording import load_result
-from experiments.running.pool import RunTask
 from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.stand import Stand
 from experiments.studies import pushes, results_tables
+from experiments.studies.backends import LocalBackend
+from experiments.studies.case import Case, Study
+from experiments.studies.engine import carry_out
 from experiments.studies.locomotion_tables import chosen_tables
-from experiments.studies.random_walks import random_walks
-from experiments.studies.speed import fastest_walk
-from experiments.studies.study_options import LocomotionTableOptions, PushSearchOptions, RandomWalksOptions
+from experiments.studies.random_walks import random_walk_cases
+from experiments.studies.runs import Run
+from experiments.studies.speed import FastestWalk
+from experiments.studies.study_options import LocomotionTableOptions, RandomWalksOptions
 
 ROOT = Path(__file__).resolve().parents[2]
 QUIET = ("--no-video", "--no-report")
@@ -98,9 +101,15 @@ def test_the_corridor(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert_replayed(tmp_path / "corridor", tmp_path, monkeypatch, 6)
 
 
+def carried_out(cases: Sequence[Case], folder: Path) -> None:
+    rows = carry_out(Study("a study", cases), folder, LocalBackend(1))
+    assert [row.error for row in rows] == [None] * len(cases)
+
+
 def test_random_walks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their arrays are not saved: what is compared is their summaries."""
-    assert random_walks(RandomWalksOptions(runs=1, duration=6.0, jobs=1, out=tmp_path / "walks")) == 0
+    options = RandomWalksOptions(runs=1, duration=6.0)
+    carried_out(random_walk_cases(options), tmp_path / "walks")
     assert load_result(tmp_path / "walks" / "random-walk-0").series == {}
     assert_replayed(tmp_path / "walks", tmp_path, monkeypatch, 1)
 
@@ -108,28 +117,31 @@ def test_random_walks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("stance", ["standing", "walking", "one-leg"])
 def test_pushes(stance: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     case = pushes.PushCase("g1", stance, "left", 0.1, 1.1)
+    search = pushes.PushSearch("g1", stance, "sideways", 1.1, resolution=0.1, largest=0.1, below="")
     monkeypatch.setattr(pushes, "AFTER", 0.2)
-    options = PushSearchOptions(resolution=0.1, largest=0.1)
-    pushes.search([case], "sideways", options, tmp_path / "pushes")
+    carried_out([search.run(case, 1)], tmp_path / "pushes")
     assert_replayed(tmp_path / "pushes", tmp_path, monkeypatch, 1)
 
 
-def test_the_fastest_walk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    fastest_walk("g1", 1.0, 4.2, tmp_path / "speed")
-    runs = len(list((tmp_path / "speed").iterdir()))
-    assert_replayed(tmp_path / "speed", tmp_path, monkeypatch, runs)
-
-
-def shortened(task: Callable[[], object]) -> RunTask:
-    assert isinstance(task, RunTask)
-    return replace(task, options=replace(task.options, duration=4.1))
+def test_a_walk_of_the_speed_search(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    carried_out([FastestWalk("g1", 1.0, 4.2, "").walk(2)], tmp_path / "speed")
+    assert_replayed(tmp_path / "speed", tmp_path, monkeypatch, 1)
 
 
 @pytest.mark.parametrize("section", ["taichi", "lateral-steps", "walks"])
 def test_a_section_of_the_locomotion_table(section: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (table,) = chosen_tables(LocomotionTableOptions(only=(section,), quick=True), tmp_path / "table")
-    shortened(table.tasks[0])()
+    options = LocomotionTableOptions(only=(section,), quick=True)
+    case = next(case for part in chosen_tables(options) for case in part.cases)
+    assert isinstance(case.evaluate, Run)
+    short = replace(case.evaluate, scenario=replace(case.evaluate.scenario, duration=4.1))
+    carried_out([replace(case, evaluate=short)], tmp_path / "table")
     assert_replayed(tmp_path / "table", tmp_path, monkeypatch, 1)
+
+
+def test_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    arguments = ("sweep", "stand", "--duration", "0.1", "--mass-scale", "1.0,1.1", "--jobs", "1")
+    assert call(monkeypatch, *arguments, "--out", str(tmp_path / "sweep")) == 0
+    assert_replayed(tmp_path / "sweep", tmp_path, monkeypatch, 2)
 
 
 def test_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,7 +152,7 @@ def test_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_damaged_summary_is_noticed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    assert random_walks(RandomWalksOptions(runs=1, duration=6.0, jobs=1, out=tmp_path / "walks")) == 0
+    carried_out(random_walk_cases(RandomWalksOptions(runs=1, duration=6.0)), tmp_path / "walks")
     path = tmp_path / "walks" / "random-walk-0" / "summary.json"
     summary = json.loads(path.read_text())
     path.write_text(json.dumps(summary | {"steps": summary["steps"] + 1}))

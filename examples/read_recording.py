@@ -17,12 +17,12 @@ from experiments.scenarios.options import PlantOptions
 
 def record(folder: Path, duration: float) -> None:
     """Leave a run in ``folder``, as ``safewbc run hand-tracking --mass-scale 1.2 --out folder`` does."""
-    sw.save_result(sw.run(HandTracking(duration=duration, plant=PlantOptions(mass_scale=1.2))), folder)
+    sw.save_recording(sw.run(HandTracking(duration=duration, plant=PlantOptions(mass_scale=1.2))), folder)
 
 
 def show(folder: Path) -> float:
     """Print what the run in ``folder`` came to; returns the RMS error of the left hand [mm]."""
-    result = sw.load_result(folder)
+    result = sw.load_recording(folder)
     print(f"{result.robot.title}, {len(result.series['time'])} ticks, {len(result.series)} arrays")
     for metric, (value,) in known_metrics([result]):
         print(f"  {metric.words} ({metric.unit or '-'}): {metric.text(value)}")

@@ -16,9 +16,9 @@ from controllers.whole_body.controller import WholeBodyController as WholeBodyCo
 from controllers.whole_body.robot_config import controller_config as controller_config
 from controllers.whole_body.task_stack import PlacedTask as PlacedTask
 from experiments.recording.recording import (
-    RunResult as RunResult,
-    load_result as load_result,
-    save_result as save_result,
+    Recording as Recording,
+    load_recording as load_recording,
+    save_recording as save_recording,
 )
 from experiments.running.loop import ClosedLoop as ClosedLoop, Observer as Observer
 from experiments.running.run import run as run

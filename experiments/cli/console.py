@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.recording.recording import RunResult, save_result
+from experiments.recording.recording import Recording, save_recording
 from experiments.recording.store import add_file
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
@@ -38,14 +38,14 @@ def run_and_save(scenario: Scenario, output: OutputOptions) -> int:
         warm_up(console, robot)
         with bars as advance, ask_to_stop() as asked:
             result = run_prepared(given, (Told(advance[0]), Interruption(asked.is_set)))
-        save_result(result, folder)
+        save_recording(result, folder)
         show(runs_table([result]), console)
         write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", output, console)
     console.print(f"results: {folder}")
     return exit_code([result])
 
 
-def exit_code(results: Sequence[RunResult]) -> int:
+def exit_code(results: Sequence[Recording]) -> int:
     """Of a command whose runs ended like this."""
     if any(r.summary["stop_cause"] == INTERRUPTED for r in results):
         return 130
@@ -53,7 +53,7 @@ def exit_code(results: Sequence[RunResult]) -> int:
 
 
 def write_media(
-    results: Sequence[RunResult], folder: Path, title: str, options: OutputOptions, console: Console
+    results: Sequence[Recording], folder: Path, title: str, options: OutputOptions, console: Console
 ) -> None:
     """Report and video of finished runs, as far as the machine can; says once what it cannot."""
     if not (options.report or options.video):

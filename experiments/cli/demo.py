@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from experiments.cli.console import exit_code, write_media
-from experiments.recording.recording import RunResult, save_result
+from experiments.recording.recording import Recording, save_recording
 from experiments.recording.store import write_run
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
@@ -31,7 +31,7 @@ def demo(options: DemoOptions) -> int:
         with bars as advance:
             results = _run_all(given, advance)
         for result, name in zip(results, FILTERS, strict=False):
-            save_result(result, folder / name)
+            save_recording(result, folder / name)
         # pictures of an earlier demonstration go with it
         write_run(folder, {})
         show(runs_table(results), console)
@@ -52,9 +52,9 @@ def _scenario(options: DemoOptions, filter_name: str) -> HandTracking:
     )
 
 
-def _run_all(given: Sequence[Prepared], advance: Sequence[Callable[[float], None]]) -> list[RunResult]:
+def _run_all(given: Sequence[Prepared], advance: Sequence[Callable[[float], None]]) -> list[Recording]:
     """One after the other, up to one that a person stops."""
-    results: list[RunResult] = []
+    results: list[Recording] = []
     with ask_to_stop() as asked:
         for one, tell in zip(given, advance, strict=True):
             results.append(run_prepared(one, (Progress(tell), Interruption(asked.is_set))))

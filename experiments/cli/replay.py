@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from experiments.metrics.balance import versions
 from experiments.recording.plain import plain
-from experiments.recording.recording import RunResult, load_result
+from experiments.recording.recording import Recording, load_recording
 from experiments.running.corridor_loop import DT, run_case
 from experiments.running.ending import INTERRUPTED, InterruptionAt
 from experiments.running.recorder import Progress
@@ -38,7 +38,7 @@ def replay(options: ReplayOptions) -> int:
         SafeWbcError: the folder holds no run of this project, or one of its options is not allowed here.
     """
     console = make_console()
-    saved = load_result(options.folder)
+    saved = load_recording(options.folder)
     if "scenario" not in saved.config:
         raise ConfigError("config.json", sorted(saved.config), "of a run of this project, with the entry 'scenario'")
     scenario = read_scenario(saved.config["scenario"])
@@ -55,7 +55,7 @@ def replay(options: ReplayOptions) -> int:
     return 1
 
 
-def _run_again(saved: RunResult, scenario: Runnable, advance: Callable[[float], None]) -> RunResult:
+def _run_again(saved: Recording, scenario: Runnable, advance: Callable[[float], None]) -> Recording:
     """The same run, as far as the saved one got before a person stopped it."""
     interrupted = saved.summary.get("stop_cause") == INTERRUPTED
     if isinstance(scenario, CorridorCase):
@@ -64,7 +64,7 @@ def _run_again(saved: RunResult, scenario: Runnable, advance: Callable[[float], 
     return run(scenario, (Progress(advance), *ends))
 
 
-def differences_of(saved: RunResult, again: RunResult) -> list[str]:
+def differences_of(saved: Recording, again: Recording) -> list[str]:
     """A line for everything recorded that is not the same: arrays, or metrics where no arrays were saved."""
     if saved.series:
         return array_differences(saved.series, again.series)
@@ -76,13 +76,13 @@ def _without_times(summary: Mapping[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in plain(summary).items() if not name.startswith(VARYING)}
 
 
-def _identical(saved: RunResult) -> str:
+def _identical(saved: Recording) -> str:
     if saved.series:
         return f"identical: {len(set(saved.series) - set(TIMES))} arrays, bit by bit"
     return f"identical: {len(_without_times(saved.summary))} entries of the summary (no arrays were saved)"
 
 
-def _compared(saved: RunResult, again: RunResult) -> str:
+def _compared(saved: Recording, again: Recording) -> str:
     if saved.series:
         return f"{len((set(saved.series) | set(again.series)) - set(TIMES))} arrays"
     return f"{len(_without_times(saved.summary))} entries of the summary"
@@ -111,7 +111,7 @@ def _difference(a: NDArray[Any], b: NDArray[Any]) -> str | None:
     return f"first differs in row {int(np.argmax(rows))} of {len(rows)}, at most by {largest}"
 
 
-def _reasons(saved: RunResult, again: RunResult) -> list[str]:
+def _reasons(saved: Recording, again: Recording) -> list[str]:
     """What else is not as it was: the robot's description, settings, and versions of packages."""
     before, now = _flat(plain(saved.config)), _flat(plain(again.config))
     reasons = []

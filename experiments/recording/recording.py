@@ -33,7 +33,7 @@ GUARANTEED = FAMILIES[:-1]
 
 
 @dataclass(frozen=True, slots=True)
-class RunResult:
+class Recording:
     """One finished run. Arrays are not written to after it is made.
 
     A run that stopped early has shorter series; nothing else tells them apart.
@@ -52,7 +52,7 @@ class RunResult:
     series: Mapping[str, NDArray[Any]]
 
 
-def save_result(result: RunResult, folder: Path, series: bool = True) -> None:
+def save_recording(result: Recording, folder: Path, series: bool = True) -> None:
     """Write ``config.json``, ``summary.json`` and ``series.npz`` in place of a run that the folder held, all or none.
 
     Args:
@@ -71,8 +71,8 @@ def _write_arrays(arrays: dict[str, Any], path: Path) -> None:
     np.savez_compressed(path, **arrays)
 
 
-def load_result(folder: Path) -> RunResult:
-    """Read what :func:`save_result` wrote.
+def load_recording(folder: Path) -> Recording:
+    """Read what :func:`save_recording` wrote.
 
     Args:
         folder: the folder of one run.
@@ -91,7 +91,7 @@ def load_result(folder: Path) -> RunResult:
     robot = load_robot(config["robot"])
     if model := config.get("collision_model"):
         robot = with_collision_model(robot, model)
-    return RunResult(robot, config, summary, _read_series(run_file(folder, "series.npz")))
+    return Recording(robot, config, summary, _read_series(run_file(folder, "series.npz")))
 
 
 def _read_series(path: Path) -> dict[str, NDArray[Any]]:
@@ -105,7 +105,7 @@ def _read_series(path: Path) -> dict[str, NDArray[Any]]:
 
 
 def robot_reference(robot: str) -> dict[str, str]:
-    """Entries of a configuration by which :func:`load_result` finds a robot from any working directory."""
+    """Entries of a configuration by which :func:`load_recording` finds a robot from any working directory."""
     return {"robot": str(Path(robot).resolve()) if robot.endswith(".toml") else robot}
 
 
@@ -124,7 +124,7 @@ def _table(value: Any) -> Any:
     return [_table(item) for item in value] if isinstance(value, list | tuple) else plain(value)
 
 
-def smallest_self_collision(result: RunResult) -> Array:
+def smallest_self_collision(result: Recording) -> Array:
     """Smallest self-collision barrier at each plant step, shape (P,) [m]; infinite for a robot without pairs."""
     h = result.series["h_self_collision"]
     return np.min(h, axis=1, initial=np.inf).astype(float)
@@ -161,7 +161,7 @@ def setting(config: Mapping[str, Any], name: str) -> Any:
     return next((value for value in inner if value is not None), None)
 
 
-def filter_title(result: RunResult) -> str:
+def filter_title(result: Recording) -> str:
     """The filter of a run as a reader knows it, for example ``ISSf-CBF``."""
     chosen = setting(result.config, "filter")
     if chosen is None:
@@ -169,7 +169,7 @@ def filter_title(result: RunResult) -> str:
     return KINDS[chosen].title if chosen in KINDS else str(chosen)
 
 
-def run_title(result: RunResult) -> str:
+def run_title(result: Recording) -> str:
     """A run in a few words: its filter, and the change of mass where the plant is not the nominal robot."""
     scale = setting(result.config, "mass_scale")
     mass = f", mass {100 * (scale - 1):+.3g} %" if isinstance(scale, int | float) and scale != 1 else ""

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
 from experiments.recording.gait_phases import stances, swings, walks, without_sway
-from experiments.recording.recording import RunResult, run_title, smallest_self_collision
+from experiments.recording.recording import Recording, run_title, smallest_self_collision
 from robots.description import RobotDescription
 from robots.messages import Array, Indices
 from safety.geometry.shapes import Obstacle
@@ -108,7 +108,7 @@ def rotation_to(z: Array) -> Array:
     return np.stack([x, np.cross(z, x), z], axis=1)
 
 
-def key_frames(result: RunResult, n: int | None = None) -> list[tuple[float, bytes]]:
+def key_frames(result: Recording, n: int | None = None) -> list[tuple[float, bytes]]:
     """Pictures from the whole run: of feet in the air, where the plan lifts them, and of the smallest barrier.
 
     Args:
@@ -128,7 +128,7 @@ def key_frames(result: RunResult, n: int | None = None) -> list[tuple[float, byt
         return [(float(time[k]), _png(_picture(renderer, result, k, path[k]))) for k in ticks]
 
 
-def make_video(results: Sequence[RunResult], path: Path, fps: float = 25.0) -> Path | None:
+def make_video(results: Sequence[Recording], path: Path, fps: float = 25.0) -> Path | None:
     """Film runs in real time, side by side, each with a caption; a run that ended early keeps its last picture.
 
     Args:
@@ -146,7 +146,7 @@ def make_video(results: Sequence[RunResult], path: Path, fps: float = 25.0) -> P
     return path
 
 
-def _video_frames(results: Sequence[RunResult], fps: float) -> Iterator[Picture]:
+def _video_frames(results: Sequence[Recording], fps: float) -> Iterator[Picture]:
     width = 640 if len(results) == 1 else 480
     end = max(float(r.series["time"][-1]) for r in results)
     with ExitStack() as stack:
@@ -158,7 +158,7 @@ def _video_frames(results: Sequence[RunResult], fps: float) -> Iterator[Picture]
 class _Panel:
     """One run's part of the film."""
 
-    def __init__(self, result: RunResult, renderer: RobotRenderer) -> None:
+    def __init__(self, result: Recording, renderer: RobotRenderer) -> None:
         self.result = result
         self.renderer = renderer
         self.path = camera_path(result)
@@ -195,7 +195,7 @@ def _last_before(times: NDArray[Any], t: float) -> int:
     return max(0, int(np.searchsorted(times, t + 1e-9, side="right")) - 1)
 
 
-def _key_ticks(result: RunResult, n: int) -> list[int]:
+def _key_ticks(result: Recording, n: int) -> list[int]:
     """``n`` ticks spread over the run, but for its ends moved to the middles of swings; one at the smallest barrier."""
     time = result.series["time"]
     ticks = np.linspace(0, len(time) - 1, n).round().astype(int)
@@ -221,7 +221,7 @@ def _at_swings(ticks: Indices, middles: Sequence[int], reach: int) -> Indices:
     return out
 
 
-def camera_path(result: RunResult) -> Array:
+def camera_path(result: Recording) -> Array:
     """What the camera looks at, tick by tick, shape (T, 2) [m].
 
     It is the place of the base at the start, or where the robot walks, the base's path without its swaying.
@@ -232,7 +232,7 @@ def camera_path(result: RunResult) -> Array:
     return without_sway(base, result.series["time"])
 
 
-def footprints(result: RunResult, tick: int) -> list[Shape]:
+def footprints(result: Recording, tick: int) -> list[Shape]:
     """Thin plates where the soles have stood until a tick, of a run in which the plan lifts feet; the last ones."""
     if not swings(result.series):
         return []
@@ -241,7 +241,7 @@ def footprints(result: RunResult, tick: int) -> list[Shape]:
     return [_plate(result, s.foot, s.corners if s.last <= tick else now[s.foot]) for s in begun]
 
 
-def _plate(result: RunResult, foot: int, corners: Array) -> Shape:
+def _plate(result: Recording, foot: int, corners: Array) -> Shape:
     forward = np.append(corners[0] - corners[1], 0.0)
     forward /= np.linalg.norm(forward)
     rotation = np.column_stack([forward, np.cross([0.0, 0.0, 1.0], forward), [0.0, 0.0, 1.0]])
@@ -249,7 +249,7 @@ def _plate(result: RunResult, foot: int, corners: Array) -> Shape:
     return Shape("box", (sole.half_length, sole.half_width, height), np.append(corners.mean(axis=0), height), rotation)
 
 
-def _picture(renderer: RobotRenderer, result: RunResult, tick: int, look_at: Array) -> Picture:
+def _picture(renderer: RobotRenderer, result: Recording, tick: int, look_at: Array) -> Picture:
     series = result.series
     h_pairs = series["h_self_collision"]
     colours = None

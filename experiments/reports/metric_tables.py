@@ -6,7 +6,7 @@ from typing import Any
 
 from experiments.metrics.metric import GROUPS, Metric, known_metrics
 from experiments.recording.plain import plain
-from experiments.recording.recording import RunResult, run_title
+from experiments.recording.recording import Recording, run_title
 from experiments.reports.table import Cell, Column, Row, Table
 
 
@@ -23,7 +23,7 @@ def _all_words(values: Sequence[Any]) -> bool:
     return all(isinstance(value, str) for value in values)
 
 
-def runs_table(results: Sequence[RunResult]) -> Table:
+def runs_table(results: Sequence[Recording]) -> Table:
     """The summaries of runs side by side: a column for each run, a row for each metric that one of them has.
 
     Metrics of a group stand under its name.

@@ -8,7 +8,7 @@ from urllib.parse import quote
 
 from experiments.recording.gait_phases import swings
 from experiments.recording.plain import plain
-from experiments.recording.recording import RunResult, run_title
+from experiments.recording.recording import Recording, run_title
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.page import PlotPart, data_uri, write_page
 from experiments.reports.plots import balance, distances, signals
@@ -81,7 +81,7 @@ PLOTS = (
 
 def write_report(
     path: Path,
-    results: Sequence[RunResult],
+    results: Sequence[Recording],
     title: str,
     frames: Sequence[Frames] = (),
     video: Path | None = None,
@@ -123,7 +123,7 @@ def write_report(
     )
 
 
-def _plots(results: Sequence[RunResult]) -> list[PlotPart]:
+def _plots(results: Sequence[Recording]) -> list[PlotPart]:
     return [PlotPart(heading, plot(results), caption) for heading, plot, caption in PLOTS]
 
 
@@ -136,10 +136,10 @@ def _video(video: Path | None, report: Path) -> str:
     return quote(Path(os.path.relpath(video, report.parent)).as_posix())
 
 
-def _pictures_caption(results: Sequence[RunResult]) -> str:
+def _pictures_caption(results: Sequence[Recording]) -> str:
     prints = " Grey plates on the floor: where the soles have stood." if any(swings(r.series) for r in results) else ""
     return PICTURES_CAPTION + prints
 
 
-def _settings(result: RunResult) -> str:
+def _settings(result: Recording) -> str:
     return json.dumps({"summary": plain(result.summary), "config": plain(result.config)}, indent=2)

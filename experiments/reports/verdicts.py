@@ -3,13 +3,13 @@
 import numpy as np
 
 from experiments.recording.gait_phases import walks
-from experiments.recording.recording import FILTER_STATUSES, GUARANTEED, RunResult, smallest_self_collision
+from experiments.recording.recording import FILTER_STATUSES, GUARANTEED, Recording, smallest_self_collision
 
 Verdict = tuple[bool, str]
 """Whether it is good, and the sentence."""
 
 
-def verdict(result: RunResult) -> list[Verdict]:
+def verdict(result: Recording) -> list[Verdict]:
     """What happened in a run, in plain words.
 
     Args:
@@ -38,13 +38,13 @@ def verdict(result: RunResult) -> list[Verdict]:
     return out
 
 
-def _upright(result: RunResult) -> Verdict:
+def _upright(result: Recording) -> Verdict:
     fell = result.summary["fell"]
     end = f"{float(result.series['time'][-1]):.1f} s"
     return (False, f"fell over; the run ended after {end}") if fell else (True, f"stayed upright for {end}")
 
 
-def _clearance(result: RunResult) -> Verdict:
+def _clearance(result: Recording) -> Verdict:
     h = result.series["h_self_collision"]
     smallest = smallest_self_collision(result)
     if np.isnan(smallest).any():
@@ -58,7 +58,7 @@ def _clearance(result: RunResult) -> Verdict:
     return True, f"bodies stayed clear of each other by {_mm(worst)} (closest: {a} and {b}, at {at:.1f} s)"
 
 
-def _other_barriers(result: RunResult) -> list[Verdict]:
+def _other_barriers(result: Recording) -> list[Verdict]:
     """Only what was violated: joint limits, obstacles and workspace bounds."""
     out = []
     obstacle = result.series.get("h_obstacle", np.empty(0))
@@ -74,7 +74,7 @@ def _other_barriers(result: RunResult) -> list[Verdict]:
     return out
 
 
-def _promise(result: RunResult) -> list[Verdict]:
+def _promise(result: Recording) -> list[Verdict]:
     """Only where h fell below what the filter's condition promises."""
     if result.summary.get("bound_held") is not False:
         return []
@@ -88,7 +88,7 @@ def _promise(result: RunResult) -> list[Verdict]:
     return out
 
 
-def _feet(result: RunResult) -> list[Verdict]:
+def _feet(result: Recording) -> list[Verdict]:
     """How far the robot walked; or where the plan lifted one foot only, whether the ZMP stayed under the other."""
     way, steps = result.summary.get("distance_m"), result.summary.get("steps")
     if way is not None and steps:

@@ -11,7 +11,7 @@ from controllers.policies.kinematic_agent import KinematicAgent, KinematicOutput
 from controllers.policies.nominal import NominalPolicy, benchmark_limits
 from experiments.metrics.balance import versions
 from experiments.metrics.scores import TOUCH, control_score, feasible_rate, safety_score, tracking_score
-from experiments.recording.recording import RunResult, description_digest
+from experiments.recording.recording import Recording, description_digest
 from experiments.running.ending import Interruption
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.recorder import Progress
@@ -269,14 +269,14 @@ def corridor_loop(case: CorridorCase) -> CorridorLoop:
     return CorridorLoop(corridor_robot(), Corridor(case.gap, case.seed), case.filter, case.weight, case.margins)
 
 
-def run_case(case: CorridorCase, ticks: int | None = None) -> RunResult:
+def run_case(case: CorridorCase, ticks: int | None = None) -> Recording:
     """Run one filter through the corridor, or only its first ``ticks``; see :func:`experiments.running.run.run`."""
     loop = corridor_loop(case)
     asked = None if ticks is None else lambda: round(loop.plant.time / DT) >= ticks
     return recording_of(case, loop, loop.run(case.duration, asked=asked))
 
 
-def recording_of(case: CorridorCase, loop: CorridorLoop, run: CorridorRun) -> RunResult:
+def recording_of(case: CorridorCase, loop: CorridorLoop, run: CorridorRun) -> Recording:
     """A finished run as it is saved."""
     robot = corridor_robot()
     config = {
@@ -288,7 +288,7 @@ def recording_of(case: CorridorCase, loop: CorridorLoop, run: CorridorRun) -> Ru
         "d_min": D_MIN,
         "rows": loop.labels,
     }
-    return RunResult(robot, config, {"scenario": case.name, **run.summary, "versions": versions()}, run.series)
+    return Recording(robot, config, {"scenario": case.name, **run.summary, "versions": versions()}, run.series)
 
 
 def _readable(label: str) -> str:

@@ -11,7 +11,7 @@ from controllers.gaits.commands import CommandProfile
 from controllers.whole_body.config import ControllerConfig
 from experiments.metrics.balance import convex_polygon, guarantee_figures, summarise, versions
 from experiments.metrics.metric import in_order
-from experiments.recording.recording import RunResult, description_digest, robot_reference
+from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
 from experiments.running.faults import BrokenEncoder
 from experiments.running.laps import Laps
@@ -78,7 +78,7 @@ def _check(scenario: Scenario) -> None:
         require_non_negative("nan_at", scenario.nan_at)
 
 
-def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | None = None) -> RunResult:
+def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:
     """Run a scenario.
 
     Args:
@@ -103,7 +103,7 @@ def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | Non
     return run_prepared(prepare(scenario), observers, laps)
 
 
-def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps | None = None) -> RunResult:
+def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:
     """Run a scenario of the whole body that has been checked; arguments and result as of :func:`run`."""
     scenario, robot, setup, laps = given.scenario, given.robot, given.setup, Laps() if laps is None else laps
     plant, agent = _body_and_agent(given)
@@ -130,7 +130,7 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     stopped_at = agent.supervisor.stopped_at if agent.stop_cause else ending.outcome.duration
     summary = _head(given, cause, stopped_at) | measured | {"versions": versions()}
     laps.book("series and summary")
-    return RunResult(robot, resolved_config(given), in_order(summary), series)
+    return Recording(robot, resolved_config(given), in_order(summary), series)
 
 
 def _body_and_agent(given: Prepared) -> tuple[MujocoPlant, Agent]:

@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 
 Row = dict[str, Any]
 """Metrics of one line of a table, by key."""
 
 
-def run_row(result: RunResult) -> Row:
+def run_row(result: Recording) -> Row:
     """The summary of a run, how it ended in words, and its tick times by support."""
     return {**result.summary, "ended": ending(result.summary), **tick_figures(result.series)}
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.metrics.metric import Metric
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.passing_sphere import Passage
@@ -122,7 +122,7 @@ def _draw_steps(rng: np.random.Generator, name: str, plant: PlantOptions, seed: 
     return Walk(robot=name, plant=plant, seed=seed, vx=vx, vy=vy, wz=wz, duration=9.0)
 
 
-def robustness_row(result: RunResult) -> dict[str, Any]:
+def robustness_row(result: Recording) -> dict[str, Any]:
     """What a run of the study is judged by, and what was drawn for it."""
     summary, scenario = result.summary, result.config["scenario"]
     least = {f"min_h_{key}": summary[f"min_h_{key}"] for key in BARRIERS}

@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.recording.recording import RunResult, save_result
+from experiments.recording.recording import Recording, save_recording
 from experiments.running.run import run
 from experiments.running.run_rows import run_row
 from experiments.scenarios.scenario import Runnable
@@ -13,7 +13,7 @@ from experiments.studies.case import Case
 from experiments.studies.store import RowStore
 from robots.loader import load_robot
 
-Measure = Callable[[RunResult], Mapping[str, Any]]
+Measure = Callable[[Recording], Mapping[str, Any]]
 """Metrics of a run; has to survive pickling."""
 
 
@@ -38,7 +38,7 @@ class Run:
         start = time.process_time()
         result = run(self.scenario)
         if self.folder is not None:
-            save_result(result, store.folder / self.folder, self.series)
+            save_recording(result, store.folder / self.folder, self.series)
         return {**self.measure(result), "cpu_s": time.process_time() - start}
 
 

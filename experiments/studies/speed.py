@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from controllers.gaits.walking import walk_tuning
 from experiments.metrics.metric import Metric
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run_rows import run_row
 from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.walk import Walk
@@ -111,7 +111,7 @@ def speed_of(level: int) -> float:
     return round(level * STEP, 9)
 
 
-def walk_row(result: RunResult) -> Entries:
+def walk_row(result: Recording) -> Entries:
     """Summary, how the walk ended, and the speed achieved."""
     return run_row(result) | {"achieved": achieved_speed(result.series)}
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from experiments.recording.recording import GUARANTEED, RunResult, family_minima
+from experiments.recording.recording import GUARANTEED, Recording, family_minima
 from experiments.running.ground_truth import TrueBarriers
 from robots.messages import Array, Mask
 from safety.filters.robustness import episodes, largest_epsilon, row_disturbance
@@ -57,7 +57,7 @@ class RowSeries:
     columns: dict[str, slice]
 
 
-def row_series(result: RunResult) -> RowSeries:
+def row_series(result: Recording) -> RowSeries:
     """The true barriers of a run at its ticks, and the rate that the filtered velocity gives each."""
     series = result.series
     with_obstacle = "obstacle" in series
@@ -78,7 +78,7 @@ def row_series(result: RunResult) -> RowSeries:
     return RowSeries(np.array(h), np.array(squared), np.array(rate), dict(truth.slices))
 
 
-def measure(result: RunResult, families: tuple[str, ...], margins: dict[str, float]) -> list[Measured]:
+def measure(result: Recording, families: tuple[str, ...], margins: dict[str, float]) -> list[Measured]:
     """What a run tells of some families.
 
     Args:

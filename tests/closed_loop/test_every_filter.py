@@ -5,7 +5,7 @@ from functools import cache
 import numpy as np
 import pytest
 
-from experiments.recording.recording import FILTER_STATUSES, RunResult
+from experiments.recording.recording import FILTER_STATUSES, Recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
@@ -24,7 +24,7 @@ KEEPING = ("cbf", "issf", "ecbf", "ssa", "rssa", "pssa", "sss", "pfm", "sma")
 @cache
 def into_the_torso(
     name: str, mass_scale: float = 1.2, layer: float | None = None, alpha: float | None = None
-) -> RunResult:
+) -> Recording:
     return run(
         HandTracking(
             duration=CONFLICT,
@@ -34,7 +34,7 @@ def into_the_torso(
     )
 
 
-def statuses(result: RunResult) -> set[str]:
+def statuses(result: Recording) -> set[str]:
     return {FILTER_STATUSES[code] for code in result.series["filter_status"]}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.robot_config import controller_config
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import run
 from experiments.scenarios.hand_motions import arm_length
 from experiments.scenarios.hand_tracking import HandTracking
@@ -21,7 +21,7 @@ WITHOUT_FILTER = {"g1": -0.03, "tocabi": -0.05}
 
 
 @cache
-def circles(robot: str, name: str) -> RunResult:
+def circles(robot: str, name: str) -> Recording:
     """One full turn with a filter; without one, until the hands are past the deepest point."""
     duration = 4.0 if name == "none" else 5.5
     return run(HandTracking(robot=robot, duration=duration, plant=HEAVY, safety=FilterOptions(filter=name)))

@@ -7,7 +7,7 @@ import pytest
 
 from controllers.gaits.lateral_steps import lateral_step_tuning
 from experiments.metrics.feet import feet_column, feet_metrics, steps_taken
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import prepare, run
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.options import FilterOptions, PlantOptions
@@ -24,7 +24,7 @@ PENETRATION = {"g1": 0.02, "tocabi": 0.03}
 
 
 @functools.cache
-def side_steps(robot: str, filter_name: str) -> RunResult:
+def side_steps(robot: str, filter_name: str) -> Recording:
     return run(
         LateralSteps(
             robot=robot,
@@ -35,13 +35,13 @@ def side_steps(robot: str, filter_name: str) -> RunResult:
     )
 
 
-def trailing_touchdown(result: RunResult) -> int:
+def trailing_touchdown(result: Recording) -> int:
     """The first tick of the second double support: the trailing foot is the right one."""
     down = np.diff(result.series["in_contact"][:, 1])
     return int(np.flatnonzero(down > 0)[0]) + 1
 
 
-def tilt(result: RunResult, tick: int, role: str) -> float:
+def tilt(result: Recording, tick: int, role: str) -> float:
     """Angle between a sole and the ground [rad]."""
     kin = Kinematics(result.robot)
     kin.update_geometry(result.series["q"][tick])

@@ -4,14 +4,14 @@ from functools import cache
 
 import pytest
 
-from experiments.recording.recording import STOPPED, RunResult
+from experiments.recording.recording import STOPPED, Recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 
 
 @cache
-def passing(robot: str, name: str) -> RunResult:
+def passing(robot: str, name: str) -> Recording:
     return run(
         HandTracking(
             robot=robot,

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from experiments.recording.recording import STOPPED, RunResult
+from experiments.recording.recording import STOPPED, Recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import PlantOptions
@@ -17,12 +17,12 @@ TIMES = {"tick_ms", "stages"}
 """Series that tell how long something took on this machine."""
 
 
-def stand(**options: Any) -> RunResult:
+def stand(**options: Any) -> Recording:
     plant = {k: options.pop(k) for k in list(options) if k in PlantOptions.__dataclass_fields__}
     return run(Stand(plant=PlantOptions(**plant), **options))
 
 
-def assert_same_run(a: RunResult, b: RunResult) -> None:
+def assert_same_run(a: Recording, b: Recording) -> None:
     """Bit for bit, apart from how long it took."""
     assert a.series.keys() == b.series.keys()
     for name in a.series.keys() - TIMES:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import prepare, run
 from experiments.scenarios.hand_motions import arm_length
 from experiments.scenarios.one_leg import ARM, hand_targets, one_leg_metrics
@@ -30,14 +30,14 @@ def with_tuning(robot: str, folder: Path, **tuning: float) -> str:
 
 
 @pytest.fixture(scope="module")
-def heavy_run(robot_name: str, tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+def heavy_run(robot_name: str, tmp_path_factory: pytest.TempPathFactory) -> Recording:
     """A fifth heavier than the model, on slippery ground."""
     description = with_tuning(robot_name, tmp_path_factory.mktemp("taichi"), **SHORT)
     plant = PlantOptions(mass_scale=1.2, friction=0.5)
     return run(Taichi(robot=description, duration=7.2, plant=plant))
 
 
-def test_the_foot_goes_up_and_comes_down_again(heavy_run: RunResult) -> None:
+def test_the_foot_goes_up_and_comes_down_again(heavy_run: Recording) -> None:
     """Up for at least the time held, down in the end, and both feet share the weight again."""
     summary = heavy_run.summary
     assert not summary["fell"]
@@ -50,7 +50,7 @@ def test_the_foot_goes_up_and_comes_down_again(heavy_run: RunResult) -> None:
     assert {name: heavy_run.config["taichi"][name] for name in SHORT} == SHORT
 
 
-def test_the_zmp_stays_in_the_sole_all_the_time(heavy_run: RunResult) -> None:
+def test_the_zmp_stays_in_the_sole_all_the_time(heavy_run: Recording) -> None:
     """And the foot in the air bears nothing, by measured force, until it is put down."""
     series = heavy_run.series
     assert heavy_run.summary["zmp_inside_single_fraction"] == 1.0
@@ -60,7 +60,7 @@ def test_the_zmp_stays_in_the_sole_all_the_time(heavy_run: RunResult) -> None:
     assert (series["in_contact"][up] == [1.0, 0.0]).all()
 
 
-def test_hands_stay_within_reach_though_the_target_is_not(heavy_run: RunResult) -> None:
+def test_hands_stay_within_reach_though_the_target_is_not(heavy_run: Recording) -> None:
     series, robot = heavy_run.series, heavy_run.robot
     assert heavy_run.summary["min_h_workspace_m"] >= 0.0
     away = np.linalg.norm(series["right_hand"] - series["right_hand_ref"], axis=1)
@@ -70,14 +70,14 @@ def test_hands_stay_within_reach_though_the_target_is_not(heavy_run: RunResult) 
     assert len(robot.workspace) == 2
 
 
-def test_balance_is_not_given_up_for_the_hands(heavy_run: RunResult) -> None:
+def test_balance_is_not_given_up_for_the_hands(heavy_run: Recording) -> None:
     """A hand that pulls outwards all the time draws the CoM by less than a tenth of a narrow sole's width."""
     series = heavy_run.series
     away = series["com"][:, :2] - series["com_ref"][:, :2]
     assert np.linalg.norm(away, axis=1).max() < 0.005
 
 
-def test_torques_change_smoothly(heavy_run: RunResult) -> None:
+def test_torques_change_smoothly(heavy_run: Recording) -> None:
     """Lift-off and touchdown included: no joint's torque jumps by a tenth of its limit from one tick to the next."""
     assert heavy_run.summary["torque_step_max"] < 0.1
 

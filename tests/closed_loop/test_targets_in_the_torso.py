@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
@@ -18,7 +18,7 @@ MASSES = (0.8, 1.0, 1.2)
 
 
 @cache
-def sent(robot: str, mass: float, motion: str, target: tuple[float, float, float]) -> RunResult:
+def sent(robot: str, mass: float, motion: str, target: tuple[float, float, float]) -> Recording:
     options = HandTracking(robot=robot, duration=4.0, motion=motion, target=target, plant=PlantOptions(mass_scale=mass))
     return run(options)
 

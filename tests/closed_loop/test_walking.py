@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.gaits.commands import VelocityCommand
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import run
 from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.pushed import Pushed
@@ -23,7 +23,7 @@ PUSHED_AT = 1.8
 
 
 @functools.cache
-def heavy_walk(robot: str) -> RunResult:
+def heavy_walk(robot: str) -> Recording:
     return run(Walk(robot=robot, duration=8.0, vx=SPEED, plant=PlantOptions(mass_scale=1.2)))
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from experiments.recording.gait_phases import spells, stances, swings, walks, without_sway
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.reports.media import FOOTPRINTS, _at_swings, _key_ticks, camera_path, footprints
 from experiments.reports.plots import balance, distances
 from experiments.reports.report import write_report
@@ -22,7 +22,7 @@ SPEED, SWAY, PERIOD = 0.2, 0.05, 1.6
 """Of the made-up walk: forward [m/s]; amplitude [m] and period [s] of the swaying sideways."""
 
 
-def walk(lifted: tuple[int, ...] = (0, 1), **summary: object) -> RunResult:
+def walk(lifted: tuple[int, ...] = (0, 1), **summary: object) -> Recording:
     """20 s at 100 ticks/s, a plant step a tick: each period the left foot is up from 0.1 to 0.6 s, then the right."""
     time = DT * np.arange(TICKS)
     phase = time % PERIOD
@@ -46,7 +46,7 @@ def walk(lifted: tuple[int, ...] = (0, 1), **summary: object) -> RunResult:
         "filter_status": np.zeros(TICKS, int), "v_des": np.zeros((TICKS, 35)), "v_safe": np.zeros((TICKS, 35)),
         "torque": np.zeros((TICKS, 29)), "tick_ms": np.ones(TICKS),
     }  # fmt: skip
-    return RunResult(G1, {"robot": "g1", "filter": "issf"}, {"fell": False, "fell_at_s": None, **summary}, series)
+    return Recording(G1, {"robot": "g1", "filter": "issf"}, {"fell": False, "fell_at_s": None, **summary}, series)
 
 
 WALK = walk()
@@ -106,7 +106,7 @@ def test_the_camera_follows_a_walk_without_jerks_and_keeps_still_otherwise() -> 
     assert speed.max() < 0.025  # at its ends the path is smoothed from one side only
     still = WALK.series["q"].copy()
     still[:, 0] = 0.0
-    stood = RunResult(G1, WALK.config, WALK.summary, {**WALK.series, "q": still})
+    stood = Recording(G1, WALK.config, WALK.summary, {**WALK.series, "q": still})
     np.testing.assert_array_equal(camera_path(stood), np.tile(still[0, :2], (TICKS, 1)))
 
 
@@ -199,7 +199,7 @@ def test_a_walk_is_reported_with_its_own_sections(tmp_path: Path) -> None:
 
 
 def test_the_verdict_tells_the_way_and_where_the_zmp_was() -> None:
-    def told(result: RunResult) -> tuple[bool, str]:
+    def told(result: Recording) -> tuple[bool, str]:
         return verdict(result)[-1]
 
     assert told(walk(distance_m=3.214, steps=17)) == (True, "walked 3.21 m in 17 steps")

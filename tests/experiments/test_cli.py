@@ -16,7 +16,7 @@ import pytest
 from controllers.whole_body.controller import STAGES
 from experiments.cli import console
 from experiments.cli import main as cli
-from experiments.recording.recording import load_result
+from experiments.recording.recording import load_recording
 from experiments.running import terminal, warmup
 from experiments.scenarios.options import OutputOptions, PlantOptions
 from experiments.scenarios.registry import SCENARIOS
@@ -287,7 +287,7 @@ def test_a_run_leaves_configuration_summary_series_and_report(tmp_path: Path) ->
     assert (summary["hand_rmse_m"], summary["collision_ratio"]) == (None, None)
     assert summary["duration_s"] == pytest.approx(0.3)
     assert summary["fell"] is False
-    result = load_result(folder)
+    result = load_recording(folder)
     assert result.config["scenario"]["plant"]["mass_scale"] == 1.1
     assert len(result.series["time"]) == 150
     assert "results: here" in done.stdout
@@ -357,7 +357,7 @@ def test_the_demo_keeps_both_runs(safewbc: CommandLine) -> None:
     outcome = safewbc("demo", "--duration", "0.1", "--out", "d", *QUICK)
     assert outcome.code == 0, outcome.err
     for name in ("none", "issf"):
-        result = load_result(safewbc.folder / "d" / name)
+        result = load_recording(safewbc.folder / "d" / name)
         assert (result.summary["filter"], result.summary["mass_scale"]) == (name, 1.2)
         assert set(REQUIRED) <= set(result.summary)
     assert len(safewbc.files()) == 9
@@ -446,7 +446,7 @@ def test_control_c_keeps_what_was_simulated(safewbc: CommandLine) -> None:
     finally:
         process.kill()
     assert process.returncode == 130, err
-    result = load_result(safewbc.folder / "c")
+    result = load_recording(safewbc.folder / "c")
     assert result.summary["stop_cause"] == "interrupted"
     assert 0.0 < result.summary["duration_s"] < 600.0
     assert result.summary["stop_time_s"] == pytest.approx(result.summary["duration_s"])
@@ -568,7 +568,7 @@ def test_the_table_saves_every_run_in_its_folder(safewbc: CommandLine, monkeypat
     assert outcome.code == 0, outcome.err
     assert "### Short" in outcome.out
     for scale, name in ((1.0, "g1-issf-stand-1"), (1.2, "g1-issf-stand-1.2")):
-        assert load_result(safewbc.folder / "t" / name).summary["mass_scale"] == scale
+        assert load_recording(safewbc.folder / "t" / name).summary["mass_scale"] == scale
 
 
 def test_bench_prints_and_writes_every_stage(safewbc: CommandLine) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from experiments.cli import main as cli
-from experiments.recording.recording import load_result
+from experiments.recording.recording import load_recording
 from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.stand import Stand
 from experiments.studies import pushes, results_tables
@@ -56,7 +56,7 @@ def assert_replayed(folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     found = sorted(path.parent for path in moved.rglob("config.json"))
     assert len(found) == count
     for run in found:
-        assert load_result(run).summary["scenario"]
+        assert load_recording(run).summary["scenario"]
         assert call(monkeypatch, "replay", str(run)) == 0
 
 
@@ -110,7 +110,7 @@ def test_random_walks(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Their arrays are not saved: what is compared is their summaries."""
     options = RandomWalksOptions(runs=1, duration=6.0)
     carried_out(random_walk_cases(options), tmp_path / "walks")
-    assert load_result(tmp_path / "walks" / "random-walk-0").series == {}
+    assert load_recording(tmp_path / "walks" / "random-walk-0").series == {}
     assert_replayed(tmp_path / "walks", tmp_path, monkeypatch, 1)
 
 

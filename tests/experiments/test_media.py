@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from experiments.recording.recording import (
-    RunResult,
+    Recording,
     smallest_self_collision,
 )
 from experiments.reports.media import FAR, INSIDE, NEUTRAL, RAMP, barrier_colours, key_frames, make_video
@@ -20,7 +20,7 @@ from tests.support.made_runs import ROBOTS, made_run
 
 
 @pytest.fixture(scope="module")
-def pair() -> list[RunResult]:
+def pair() -> list[Recording]:
     """The same motion twice, once without a filter, which ends early."""
     return [made_run(filter="none", ticks=25), made_run(plant={"mass_scale": 1.2})]
 
@@ -87,7 +87,7 @@ def test_short_runs_have_fewer_key_frames(ticks: int, count: int) -> None:
 
 
 @pytest.mark.rendering
-def test_a_film_lasts_as_long_as_the_longest_run(pair: list[RunResult], tmp_path: Path) -> None:
+def test_a_film_lasts_as_long_as_the_longest_run(pair: list[Recording], tmp_path: Path) -> None:
     path = make_video(pair, tmp_path / "film.mp4", fps=10)
     assert path is not None
     frames, _ = imageio_ffmpeg.count_frames_and_secs(str(path))

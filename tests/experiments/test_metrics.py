@@ -22,7 +22,7 @@ from experiments.metrics.balance import (
     zmp_inside_single,
 )
 from experiments.recording.outcome import Outcome
-from experiments.recording.recording import RunResult, filter_title
+from experiments.recording.recording import Recording, filter_title
 from robots.loader import load_robot
 from robots.messages import Array
 from safety.filters.conditions import FamilyParameters
@@ -450,5 +450,5 @@ def test_every_filter_is_shown_under_the_name_of_its_paper() -> None:
     assert set(TITLES) == set(FILTERS)
     g1 = load_robot("g1")
     for name, title in TITLES.items():
-        assert filter_title(RunResult(g1, {"filter": name}, {}, {})) == title
-    assert filter_title(RunResult(g1, {}, {}, {})) == g1.title
+        assert filter_title(Recording(g1, {"filter": name}, {}, {})) == title
+    assert filter_title(Recording(g1, {}, {}, {})) == g1.title

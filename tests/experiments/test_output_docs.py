@@ -11,7 +11,7 @@ import pytest
 from controllers.whole_body.controller import STAGES
 from experiments.cli.output_page import with_tables
 from experiments.metrics.declared_motion import DRAWN
-from experiments.recording.recording import FILTER_STATUSES, RunResult, save_result
+from experiments.recording.recording import FILTER_STATUSES, Recording, save_recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
@@ -36,13 +36,13 @@ def rows(section: str) -> dict[str, list[str]]:
 
 
 @pytest.fixture(scope="module")
-def hands() -> RunResult:
+def hands() -> Recording:
     """A run with everything in it: a hand task and an obstacle."""
     return run(HandTracking(duration=0.3, motion="hold", obstacle=True))
 
 
 @pytest.fixture(scope="module")
-def filtered() -> RunResult:
+def filtered() -> Recording:
     """Into the conflict, on a robot that strays from the filter's velocity; a tick is a step, so each state is kept."""
     options = HandTracking(duration=2.2, control_rate=1000.0, plant=PlantOptions(mass_scale=1.2))
     result = run(options)
@@ -54,13 +54,13 @@ def filtered() -> RunResult:
 
 
 @pytest.fixture(scope="module")
-def stand() -> RunResult:
+def stand() -> Recording:
     """A run without either."""
     return run(Stand(duration=0.2))
 
 
 @pytest.fixture(scope="module")
-def stepping() -> list[RunResult]:
+def stepping() -> list[Recording]:
     """The runs that lift feet; the walk so long that it comes to steps."""
     walk = run(Walk(duration=5.5))
     return [run(Taichi(duration=0.2)), run(LateralSteps(duration=0.2)), walk]
@@ -75,12 +75,12 @@ def test_a_table_that_has_no_place_is_missed() -> None:
         with_tables(PAGE.replace("<!-- arrays per step", "<!-- arrays per stop"))
 
 
-def test_every_figure_is_in_the_page_and_nothing_else(hands: RunResult, stepping: list[RunResult]) -> None:
+def test_every_figure_is_in_the_page_and_nothing_else(hands: Recording, stepping: list[Recording]) -> None:
     drawn = {metric.key for metric in DRAWN}
     assert set(rows("summary.json")) == set(hands.summary).union(drawn, *(made.summary for made in stepping))
 
 
-def test_figures_of_single_experiments_are_said_to_be_theirs(hands: RunResult, stepping: list[RunResult]) -> None:
+def test_figures_of_single_experiments_are_said_to_be_theirs(hands: Recording, stepping: list[Recording]) -> None:
     said = {
         name: re.findall(r"`([\w-]+)`", cells[0]) for name, cells in rows("summary.json").items() if len(cells) == 3
     }
@@ -90,13 +90,13 @@ def test_figures_of_single_experiments_are_said_to_be_theirs(hands: RunResult, s
         assert own == set(made.summary) - set(hands.summary)
 
 
-def test_figures_that_standing_lacks_are_marked_absent(hands: RunResult, stand: RunResult) -> None:
+def test_figures_that_standing_lacks_are_marked_absent(hands: Recording, stand: Recording) -> None:
     said = {name for name, cells in rows("summary.json").items() if "absent without a hand task" in cells[-1]}
     assert said == set(hands.summary) - set(stand.summary)
 
 
 def test_figures_that_do_not_apply_are_said_to_be_null(
-    hands: RunResult, stand: RunResult, stepping: list[RunResult]
+    hands: Recording, stand: Recording, stepping: list[Recording]
 ) -> None:
     page = rows("summary.json")
     for made in (hands, stand, *stepping):
@@ -106,7 +106,7 @@ def test_figures_that_do_not_apply_are_said_to_be_null(
 
 
 def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
-    hands: RunResult, stepping: list[RunResult]
+    hands: Recording, stepping: list[Recording]
 ) -> None:
     page = rows("series.npz")
     assert set(page) == set(hands.series).union(*(made.series for made in stepping))
@@ -129,7 +129,7 @@ def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
 
 
 def test_arrays_that_only_some_runs_have_are_marked(
-    hands: RunResult, stand: RunResult, stepping: list[RunResult]
+    hands: Recording, stand: Recording, stepping: list[Recording]
 ) -> None:
     page = rows("series.npz")
     assert set(stand.series) < set(hands.series)
@@ -142,7 +142,7 @@ def test_arrays_that_only_some_runs_have_are_marked(
         assert own == set(made.series) - set(hands.series)
 
 
-def test_corners_are_in_the_order_that_the_page_tells_and_about_the_soles(stepping: list[RunResult]) -> None:
+def test_corners_are_in_the_order_that_the_page_tells_and_about_the_soles(stepping: list[Recording]) -> None:
     for made in stepping:
         corners = made.series["sole_corners"]
         np.testing.assert_allclose(corners.mean(axis=2), made.series["soles"][:, :, :2], rtol=0, atol=1e-12)
@@ -154,7 +154,7 @@ def test_corners_are_in_the_order_that_the_page_tells_and_about_the_soles(steppi
             assert rear_left[foot, 1] > rear_right[foot, 1]
 
 
-def test_the_summary_s_steps_are_the_plan_s(stepping: list[RunResult]) -> None:
+def test_the_summary_s_steps_are_the_plan_s(stepping: list[Recording]) -> None:
     walk = stepping[-1]
     contact = walk.series["in_contact"]
     assert set(np.unique(contact)) == {0.0, 1.0}
@@ -175,7 +175,7 @@ def test_codes_and_stages_are_in_the_page_in_their_order() -> None:
     assert re.findall(r"`(\w+)`", page["stages"][-1]) == list(STAGES)
 
 
-def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: RunResult) -> None:
+def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: Recording) -> None:
     """Each column of the last step against the distance of the two bodies that the page says it belongs to."""
     robot = hands.robot
     legs = robot.leg_pairs
@@ -190,7 +190,7 @@ def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: RunResult)
     np.testing.assert_allclose(hands.series["h_self_collision"][step], h, rtol=1e-6, atol=1e-9)
 
 
-def test_the_disturbance_is_the_true_velocity_less_the_filtered_one(hands: RunResult) -> None:
+def test_the_disturbance_is_the_true_velocity_less_the_filtered_one(hands: Recording) -> None:
     """At the last step before each tick the true velocity is known from the tick's own series."""
     series = hands.series
     size = np.linalg.norm(series["v"][1:] - series["v_safe"][:-1], axis=1)
@@ -198,7 +198,7 @@ def test_the_disturbance_is_the_true_velocity_less_the_filtered_one(hands: RunRe
     assert hands.summary["disturbance_max"] == series["disturbance"].max()
 
 
-def test_the_disturbance_is_that_of_every_step_also_where_the_filter_acts(filtered: RunResult) -> None:
+def test_the_disturbance_is_that_of_every_step_also_where_the_filter_acts(filtered: Recording) -> None:
     """The state after a step is that of the next tick; what counts is the velocity after the filter, not before it."""
     series = filtered.series
     np.testing.assert_allclose(series["step_time"][:-1], series["time"][1:], rtol=0, atol=1e-9)
@@ -210,7 +210,7 @@ def test_the_disturbance_is_that_of_every_step_also_where_the_filter_acts(filter
 
 @pytest.mark.parametrize("name", ["hands", "filtered"])
 def test_running_bounds_solve_the_equation_of_the_page(name: str, request: pytest.FixtureRequest) -> None:
-    hands: RunResult = request.getfixturevalue(name)
+    hands: Recording = request.getfixturevalue(name)
     safety = hands.config["controller"]["safety"]
     for column, family in enumerate(("joint_limit", "self_collision", "leg_collision", "obstacle", "workspace")):
         alpha, epsilon = safety[family]["alpha"], safety[family]["epsilon"]
@@ -226,7 +226,7 @@ def test_running_bounds_solve_the_equation_of_the_page(name: str, request: pytes
     assert hands.summary["bound_held"] is True
 
 
-def arm_rows(result: RunResult) -> tuple[Kinematics, BarrierSet]:
+def arm_rows(result: Recording) -> tuple[Kinematics, BarrierSet]:
     """Barrier of the pairs of arms, torso and head, and the kinematics on which it is evaluated."""
     kin = Kinematics(result.robot)
     bodies = CollisionBodies(kin)
@@ -234,7 +234,7 @@ def arm_rows(result: RunResult) -> tuple[Kinematics, BarrierSet]:
     return kin, BarrierSet(kin, bodies, [SelfCollisionBarrier("self_collision", bodies, arms)])
 
 
-def test_the_bound_of_the_row_solves_the_equation_of_the_page(filtered: RunResult) -> None:
+def test_the_bound_of_the_row_solves_the_equation_of_the_page(filtered: Recording) -> None:
     """Every row anew from the recorded states, the exponential by its series; shown is the row with the smallest h."""
     kin, barriers = arm_rows(filtered)
     tuning, series = filtered.config["controller"]["safety"]["self_collision"], filtered.series
@@ -261,7 +261,7 @@ def test_the_bound_of_the_row_solves_the_equation_of_the_page(filtered: RunResul
     assert taken > 1e-4
 
 
-def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(hands: RunResult) -> None:
+def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(hands: Recording) -> None:
     series = hands.series
     kin, rows = arm_rows(hands)
     kin.update_geometry(series["q"][-1])
@@ -277,10 +277,10 @@ def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(
 
 
 def test_the_example_of_the_page_finds_the_barrier_by_name(
-    hands: RunResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    hands: Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (code,) = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
-    save_result(hands, tmp_path / "runs" / "mine")
+    save_recording(hands, tmp_path / "runs" / "mine")
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MPLBACKEND", "agg")
     exec(compile(code, "docs/output.md", "exec"), {})
@@ -290,8 +290,8 @@ def test_the_example_of_the_page_finds_the_barrier_by_name(
     assert (tmp_path / "hand_torso.png").stat().st_size > 0
 
 
-def test_files_of_a_run_are_in_the_page(hands: RunResult, tmp_path: Path) -> None:
-    save_result(hands, tmp_path)
+def test_files_of_a_run_are_in_the_page(hands: Recording, tmp_path: Path) -> None:
+    save_recording(hands, tmp_path)
     page = rows("Files")
     assert set(page) == {p.name for p in tmp_path.iterdir()} | {"report.html", "video.mp4"}
     config = json.loads((tmp_path / "config.json").read_text(encoding="utf-8"))
@@ -299,6 +299,6 @@ def test_files_of_a_run_are_in_the_page(hands: RunResult, tmp_path: Path) -> Non
         assert f"`{name}`" in page["config.json"][0], name
 
 
-def test_steps_and_ticks_share_one_clock(hands: RunResult) -> None:
+def test_steps_and_ticks_share_one_clock(hands: Recording) -> None:
     np.testing.assert_allclose(hands.series["time"], 0.002 * np.arange(150), rtol=0, atol=1e-12)
     np.testing.assert_allclose(hands.series["step_time"], 0.001 * np.arange(1, 301), rtol=0, atol=1e-12)

@@ -6,7 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from experiments.recording.recording import load_result
+from experiments.recording.recording import load_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "safety.md").read_text(encoding="utf-8")
@@ -27,6 +27,6 @@ def test_the_command_line_runs_it_and_the_run_can_be_loaded(tmp_path: Path) -> N
         check=False,
     )
     assert run.returncode == 0, run.stderr
-    result = load_result(out)
+    result = load_recording(out)
     assert result.summary["filter"] == "my_filters:slow"
     assert result.summary["qp_failures"] == 0

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.recording.recording import load_result
+from experiments.recording.recording import load_recording
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
@@ -96,7 +96,7 @@ def test_a_scenario_of_ones_own_is_a_command_with_a_report_and_can_be_replayed(
     assert done.returncode == 0, done.stderr
     assert "room below the ceiling" in done.stdout
     assert "room below the ceiling" in (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
-    result = load_result(tmp_path / "o")
+    result = load_recording(tmp_path / "o")
     assert result.config["scenario"]["scenario"] == "mine:UnderACeiling"
     assert result.summary["headroom_m"] == pytest.approx(0.95 - result.series["q"][:, 2].max())
     assert call(tmp_path, "replay", "o").returncode == 0

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 from experiments.recording.recording import (
-    RunResult,
+    Recording,
 )
 from experiments.reports.plots import distances, style
 from experiments.reports.plots.signals import joint_groups
@@ -56,7 +56,7 @@ def test_bounds_are_drawn_only_where_something_is_promised() -> None:
         values[30:] = np.nan
     assert distances.guarantee_plot([with_series(filtered, **stopped)]) not in {None, alone}
     before = {k: v for k, v in filtered.series.items() if k not in stopped}
-    assert distances.guarantee_plot([RunResult(filtered.robot, filtered.config, filtered.summary, before)]) is None
+    assert distances.guarantee_plot([Recording(filtered.robot, filtered.config, filtered.summary, before)]) is None
 
 
 @style.as_png

@@ -13,7 +13,7 @@ import pytest
 from experiments.cli import main as cli
 from experiments.cli.replay import TIMES, array_differences
 from experiments.recording.plain import plain
-from experiments.recording.recording import load_result, save_result
+from experiments.recording.recording import load_recording, save_recording
 from experiments.running.run import run
 from experiments.scenarios.content import from_plain
 from experiments.scenarios.options import FilterOptions, PlantOptions
@@ -141,14 +141,14 @@ def replay(folder: Path, monkeypatch: pytest.MonkeyPatch) -> object:
 def saved(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("walk")
     plant = PlantOptions(mass_scale=1.1, noise_scale=1.0, actuator_delay=0.002, physics_dt=0.002)
-    save_result(run(Walk(duration=4.3, push=("20,left,2.5",), plant=plant, seed=3)), folder)
+    save_recording(run(Walk(duration=4.3, push=("20,left,2.5",), plant=plant, seed=3)), folder)
     return folder
 
 
 def test_a_run_is_the_same_again(
     saved: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert load_result(saved).summary["steps"] > 0
+    assert load_recording(saved).summary["steps"] > 0
     assert replay(saved, monkeypatch) == 0
     assert "identical" in capsys.readouterr().out
 
@@ -157,7 +157,7 @@ def test_another_seed_is_another_run(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     folder = tmp_path / "stand"
-    save_result(run(Stand(duration=0.2, plant=PlantOptions(noise_scale=1.0), seed=3)), folder)
+    save_recording(run(Stand(duration=0.2, plant=PlantOptions(noise_scale=1.0), seed=3)), folder)
     assert replay(folder, monkeypatch) == 0
     config = json.loads((folder / "config.json").read_text())
     config["scenario"]["seed"] = 4

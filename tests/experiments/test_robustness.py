@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.tuning_file import read_tuning
-from experiments.recording.recording import RunResult
+from experiments.recording.recording import Recording
 from experiments.running.run import prepare, run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
@@ -160,7 +160,7 @@ def test_a_run_counts_as_below_where_any_barrier_was(barrier: str, least: float,
     heights = {f"min_h_{key}": None if key == "obstacle_m" else 0.02 for key in BARRIERS} | {f"min_h_{barrier}": least}
     ended = {"fell": False, "stop_cause": None, "hand_rmse_m": 0.01, "hand_rmse_outside_conflict_m": 0.01}
     config = {"scenario": Walk().to_json()}
-    line = robustness_row(RunResult(load_robot("g1"), config, heights | ended, {}))
+    line = robustness_row(Recording(load_robot("g1"), config, heights | ended, {}))
     assert line["below"] is below
     assert line[f"min_h_{barrier}"] == least
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from experiments.recording.recording import (
-    RunResult,
+    Recording,
 )
 from experiments.reports import report
 from experiments.reports.report import write_report
@@ -16,12 +16,12 @@ from tests.support.page import Page
 
 
 @pytest.fixture(scope="module")
-def pair() -> list[RunResult]:
+def pair() -> list[Recording]:
     """The same motion twice, once without a filter, which ends early."""
     return [made_run(filter="none", ticks=25), made_run(plant={"mass_scale": 1.2})]
 
 
-def test_the_report_needs_nothing_else(pair: list[RunResult], tmp_path: Path) -> None:
+def test_the_report_needs_nothing_else(pair: list[Recording], tmp_path: Path) -> None:
     film = tmp_path / "film.mp4"
     film.write_bytes(b"not really a film")
     frames = [[(0.0, b"png"), (0.1, b"png")], []]

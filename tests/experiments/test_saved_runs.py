@@ -11,12 +11,12 @@ import pytest
 
 from experiments.recording.recording import (
     GUARANTEED,
-    RunResult,
+    Recording,
     family_minima,
     filter_title,
-    load_result,
+    load_recording,
     run_title,
-    save_result,
+    save_recording,
     setting,
 )
 from experiments.recording.store import prepare_folder
@@ -28,8 +28,8 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_a_saved_result_is_loaded_as_it_was(tmp_path: Path) -> None:
     result = made_run()
-    save_result(result, tmp_path / "run")
-    loaded = load_result(tmp_path / "run")
+    save_recording(result, tmp_path / "run")
+    loaded = load_recording(tmp_path / "run")
     assert loaded.config == result.config
     assert loaded.summary == result.summary
     assert loaded.robot.joint_names == result.robot.joint_names
@@ -42,7 +42,7 @@ def test_a_saved_result_is_loaded_as_it_was(tmp_path: Path) -> None:
 def test_the_summary_is_plain_json_in_its_own_order(tmp_path: Path) -> None:
     summary = {"z": np.float32(0.5), "a": float("nan"), "n": np.int64(3), "ok": np.bool_(True), "inf": float("inf")}
     result = made_run()
-    save_result(RunResult(result.robot, result.config, summary, result.series), tmp_path)
+    save_recording(Recording(result.robot, result.config, summary, result.series), tmp_path)
     text = (tmp_path / "summary.json").read_text(encoding="utf-8")
     assert list(json.loads(text).items()) == [("z", 0.5), ("a", None), ("n", 3), ("ok", True), ("inf", None)]
     assert text.startswith('{\n  "z": 0.5,\n')
@@ -51,7 +51,7 @@ def test_the_summary_is_plain_json_in_its_own_order(tmp_path: Path) -> None:
 def test_what_json_cannot_hold_is_named(tmp_path: Path) -> None:
     result = made_run(callback=object())
     with pytest.raises(ConfigError, match="config"):
-        save_result(result, tmp_path)
+        save_recording(result, tmp_path)
 
 
 def test_a_folder_is_made_and_left_empty(tmp_path: Path) -> None:
@@ -78,11 +78,11 @@ def test_a_folder_that_cannot_be_written_is_refused_at_once(tmp_path: Path, monk
 
 def test_a_folder_without_a_run_is_named(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"config\.json"):
-        load_result(tmp_path)
-    save_result(made_run(ticks=2), tmp_path)
+        load_recording(tmp_path)
+    save_recording(made_run(ticks=2), tmp_path)
     (tmp_path / "series.npz").write_bytes(b"PK broken")
     with pytest.raises(ConfigError, match=r"series\.npz"):
-        load_result(tmp_path)
+        load_recording(tmp_path)
 
 
 def test_results_import_nothing_heavy() -> None:

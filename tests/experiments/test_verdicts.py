@@ -3,13 +3,13 @@
 import numpy as np
 
 from experiments.recording.recording import (
-    RunResult,
+    Recording,
 )
 from experiments.reports.verdicts import verdict
 from tests.support.made_runs import made_run, with_series
 
 
-def sentences(result: RunResult, good: bool) -> str:
+def sentences(result: Recording, good: bool) -> str:
     return "; ".join(text for is_good, text in verdict(result) if is_good is good)
 
 
@@ -31,7 +31,7 @@ def test_the_verdict_names_what_entered_what() -> None:
 def test_the_verdict_tells_falls() -> None:
     result = made_run()
     assert sentences(result, good=True).startswith("stayed upright for 0.4 s")
-    fallen = RunResult(result.robot, result.config, {"fell": True}, result.series)
+    fallen = Recording(result.robot, result.config, {"fell": True}, result.series)
     assert "fell over; the run ended after 0.4 s" in sentences(fallen, good=False)
 
 
@@ -55,7 +55,7 @@ def test_the_verdict_tells_broken_bounds() -> None:
 
     def told(held: bool | None) -> str:
         summary = {**result.summary, **margins, **missing, "bound_held": held}
-        return sentences(RunResult(result.robot, result.config, summary, result.series), good=False)
+        return sentences(Recording(result.robot, result.config, summary, result.series), good=False)
 
     assert told(False) == (
         "the joint limit barrier fell below its guaranteed bound by 1.5°; "

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from experiments.recording.recording import (
-    RunResult,
+    Recording,
 )
 from robots.loader import load_robot
 from robots.pinocchio_model import standing_configuration
@@ -13,7 +13,7 @@ from robots.pinocchio_model import standing_configuration
 ROBOTS = {name: load_robot(name) for name in ("g1", "tocabi")}
 
 
-def made_run(robot: str = "g1", ticks: int = 40, hands: bool = True, **config: Any) -> RunResult:
+def made_run(robot: str = "g1", ticks: int = 40, hands: bool = True, **config: Any) -> Recording:
     """A made-up run at 100 ticks/s, two plant steps a tick; every pair is 0.1 m apart, pair 0 swings about 0.1 m."""
     made = ROBOTS[robot]
     nj, steps = len(made.joints), 2 * ticks
@@ -53,8 +53,8 @@ def made_run(robot: str = "g1", ticks: int = 40, hands: bool = True, **config: A
         names = ("left_hand", "left_hand_ref", "right_hand", "right_hand_ref")
         series |= {name: np.tile([0.3, 0.2, 0.8], (ticks, 1)) + 0.01 * wave for name in names}
     settings = {"robot": robot, "filter": "issf", "plant": {"mass_scale": 1.0}, **config}
-    return RunResult(made, settings, {"fell": False, "min_h_self_collision_m": 0.05}, series)
+    return Recording(made, settings, {"fell": False, "min_h_self_collision_m": 0.05}, series)
 
 
-def with_series(result: RunResult, **changes: np.ndarray) -> RunResult:
-    return RunResult(result.robot, result.config, result.summary, {**result.series, **changes})
+def with_series(result: Recording, **changes: np.ndarray) -> Recording:
+    return Recording(result.robot, result.config, result.summary, {**result.series, **changes})

@@ -10,7 +10,7 @@ from matplotlib.patches import Patch
 
 from experiments.metrics.locomotion import PAIR, achieved_velocity, touchdowns
 from experiments.recording.gait_phases import Series, stances, swings, walks, without_sway
-from experiments.recording.recording import RunResult, run_title
+from experiments.recording.recording import Recording, run_title
 from experiments.reports.plots.style import (
     INK,
     WIDTH,
@@ -34,7 +34,7 @@ EXCERPT = 10.0
 
 
 @as_png
-def plan_plot(results: Sequence[RunResult]) -> Figure | None:
+def plan_plot(results: Sequence[Recording]) -> Figure | None:
     """Ground plan [m]: where the soles stood, the CoM with its reference, and the measured ZMP; one picture a run.
 
     Lee et al., Fig. 5 (b). A run that fell is shown up to the fall.
@@ -68,7 +68,7 @@ def plan_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def balance_plot(results: Sequence[RunResult]) -> Figure | None:
+def balance_plot(results: Sequence[Recording]) -> Figure | None:
     """CoM, DCM reference and ZMP over time, within what the soles on the ground span [m]; two rows a run.
 
     Where a run has no DCM reference that of the CoM takes its place. Coordinates of a walk are counted from the base's
@@ -95,7 +95,7 @@ def balance_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def feet_plot(results: Sequence[RunResult]) -> Figure | None:
+def feet_plot(results: Sequence[Recording]) -> Figure | None:
     """Vertical force [N] and height [mm] of each foot over time, with the height asked for.
 
     ``None`` where no foot is lifted.
@@ -123,7 +123,7 @@ def feet_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def velocity_plot(results: Sequence[RunResult]) -> Figure | None:
+def velocity_plot(results: Sequence[Recording]) -> Figure | None:
     """Velocity of the body in its own heading over each pair of steps, and the command where one is recorded.
 
     ``None`` where no run has taken enough steps.
@@ -173,7 +173,7 @@ def sole_span(series: Series) -> tuple[Array, Array]:
     return np.where(np.isfinite(low), low, np.nan), np.where(np.isfinite(high), high, np.nan)
 
 
-def _draw_plan(axis: Axes, result: RunResult, colour: str) -> None:
+def _draw_plan(axis: Axes, result: Recording, colour: str) -> None:
     series, until = result.series, _until_fall(result)
     if not walks(series):
         axis.fill(*series["support_polygon"].T, facecolor="none", edgecolor=SOLE_EDGE, ls=":", lw=1.0, zorder=0)
@@ -190,7 +190,7 @@ def _draw_plan(axis: Axes, result: RunResult, colour: str) -> None:
     axis.plot(*series["com_ref"][until, :2].T, "--", color=ASKED, lw=1.2)
 
 
-def _draw_coordinate(axis: Axes, result: RunResult, i: int, colour: str) -> None:
+def _draw_coordinate(axis: Axes, result: Recording, i: int, colour: str) -> None:
     """One coordinate of what balances, over time: x (``i`` 0) or y (1)."""
     series, part = result.series, _excerpt(result.series)
     time = series["time"][part]
@@ -208,7 +208,7 @@ def _draw_coordinate(axis: Axes, result: RunResult, i: int, colour: str) -> None
     axis.set_ylabel(f"{'xy'[i]} [m]" if not walks(series) else f"{'xy'[i]} from the base's path [m]")
 
 
-def _panel_height(result: RunResult, width: float) -> float:
+def _panel_height(result: Recording, width: float) -> float:
     """Height [inch] of a panel in which the run's ground plan fills ``width`` [inch], within bounds."""
     series, until = result.series, _until_fall(result)
     corners = [series["support_polygon"], *(s.corners for s in stances(series) if until[s.first])]
@@ -217,7 +217,7 @@ def _panel_height(result: RunResult, width: float) -> float:
     return float(np.clip(width * size[1] / size[0] + 0.6, 2.4, 5.0))
 
 
-def _until_fall(result: RunResult) -> Mask:
+def _until_fall(result: Recording) -> Mask:
     """Ticks before the robot fell; all where it did not."""
     fell = result.summary.get("fell_at_s")
     time = result.series["time"]
@@ -234,6 +234,6 @@ def _excerpt(series: Series) -> slice:
     return slice(int(first), int(last))
 
 
-def _excerpt_title(result: RunResult) -> str:
+def _excerpt_title(result: Recording) -> str:
     part = _excerpt(result.series)
     return run_title(result) + ("" if part == slice(None) else f", the middle {EXCERPT:g} s")

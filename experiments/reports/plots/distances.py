@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from experiments.recording.gait_phases import walks
-from experiments.recording.recording import GUARANTEED, RunResult, family_minima, smallest_self_collision
+from experiments.recording.recording import GUARANTEED, Recording, family_minima, smallest_self_collision
 from experiments.reports.plots.style import (
     INK,
     UNSAFE,
@@ -25,7 +25,7 @@ HANDS = ("left_hand", "right_hand")
 
 
 @as_png
-def barrier_plot(results: Sequence[RunResult]) -> Figure | None:
+def barrier_plot(results: Sequence[Recording]) -> Figure | None:
     """Self-collision barriers over time [mm]: of the pairs that get closest, then the smallest of all.
 
     Where the run has a hand task, the pairs are of hand and torso. The reference motion's is added where it is known.
@@ -58,7 +58,7 @@ def barrier_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def guarantee_plot(results: Sequence[RunResult]) -> Figure | None:
+def guarantee_plot(results: Sequence[Recording]) -> Figure | None:
     """Smallest self-collision barrier, legs apart, with the bounds that the condition promises [mm]; |d| below.
 
     ``None`` where no run has a condition that promises one.
@@ -91,7 +91,7 @@ def guarantee_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def obstacle_plot(results: Sequence[RunResult]) -> Figure | None:
+def obstacle_plot(results: Sequence[Recording]) -> Figure | None:
     """Smallest obstacle barrier over time [mm]; ``None`` where no run has an obstacle."""
     shown = [r for r in results if np.isfinite(r.series.get("h_obstacle", np.empty(0))).any()]
     if not shown:
@@ -107,7 +107,7 @@ def obstacle_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def limits_plot(results: Sequence[RunResult]) -> Figure | None:
+def limits_plot(results: Sequence[Recording]) -> Figure | None:
     """Smallest joint-limit barrier [rad], and the distance that each workspace bound limits, with its bound [m]."""
     shown = [r for r in results if len(r.series["step_time"])]
     if not shown:
@@ -135,7 +135,7 @@ def limits_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def feet_plot(results: Sequence[RunResult]) -> Figure | None:
+def feet_plot(results: Sequence[Recording]) -> Figure | None:
     """Barrier between the feet, and the smallest among all pairs of legs [mm]; ``None`` where no run walks."""
     shown = [r for r in results if walks(r.series) and feet_pairs(r.robot)]
     if not shown:
@@ -172,7 +172,7 @@ def _foot_shapes(robot: RobotDescription, top: str) -> set[str]:
     return {shape.name for shape in robot.collisions if within(shape.body)}
 
 
-def _closest_pairs(results: Sequence[RunResult]) -> list[int]:
+def _closest_pairs(results: Sequence[Recording]) -> list[int]:
     """Indices of the pairs with the smallest barriers: between hand and torso where the run has a hand task."""
     robot = results[0].robot
     smallest = np.min([r.series["h_self_collision"].min(axis=0) for r in results], axis=0)

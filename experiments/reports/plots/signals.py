@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from experiments.recording.recording import FILTER_STATUSES, RunResult, run_title
+from experiments.recording.recording import FILTER_STATUSES, Recording, run_title
 from experiments.reports.plots.style import (
     INK,
     UNSAFE,
@@ -27,7 +27,7 @@ HANDS = ("left_hand", "right_hand")
 
 
 @as_png
-def hand_plot(results: Sequence[RunResult]) -> Figure | None:
+def hand_plot(results: Sequence[Recording]) -> Figure | None:
     """Hand positions against their references, per axis [m], and the length of the error [mm]."""
     shown = [r for r in results if all(f"{hand}_ref" in r.series for hand in HANDS)]
     if not shown:
@@ -54,7 +54,7 @@ def hand_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def torque_plot(results: Sequence[RunResult]) -> Figure | None:
+def torque_plot(results: Sequence[Recording]) -> Figure | None:
     """Torque as a share of the motor's limit: the largest of each limb over time, and each joint's largest."""
     shown = with_ticks(results)
     if not shown:
@@ -84,7 +84,7 @@ def torque_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def com_plot(results: Sequence[RunResult]) -> Figure | None:
+def com_plot(results: Sequence[Recording]) -> Figure | None:
     """Error of the centre of mass over time [mm]: sideways (length in the ground plane), and in height."""
     shown = with_ticks(results)
     if not shown:
@@ -105,7 +105,7 @@ def com_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def filter_plot(results: Sequence[RunResult]) -> Figure | None:
+def filter_plot(results: Sequence[Recording]) -> Figure | None:
     """How far the filter moves the velocity from what was asked, and one status strip per run."""
     shown = with_ticks(results)
     if not shown:
@@ -133,7 +133,7 @@ def filter_plot(results: Sequence[RunResult]) -> Figure | None:
 
 
 @as_png
-def tick_plot(results: Sequence[RunResult]) -> Figure | None:
+def tick_plot(results: Sequence[Recording]) -> Figure | None:
     """Histogram of the time that one control tick took [ms]."""
     shown = with_ticks(results)
     if not shown:
@@ -176,7 +176,7 @@ def joint_groups(robot: RobotDescription) -> dict[str, list[int]]:
     return {name: sorted(joints) for name, joints in groups.items() if joints}
 
 
-def _torque_share(result: RunResult) -> Array:
+def _torque_share(result: Recording) -> Array:
     share: Array = np.abs(result.series["torque"]) / result.robot.joint_array("effort")
     return share
 
@@ -188,7 +188,7 @@ def _share_axis(axis: Axes, title: str) -> None:
     axis.set_title(title)
 
 
-def _status_strip(axis: Axes, row: int, result: RunResult) -> None:
+def _status_strip(axis: Axes, row: int, result: Recording) -> None:
     """One run's filter status as a horizontal strip of coloured stretches."""
     time, status = result.series["time"], result.series["filter_status"]
     starts = np.flatnonzero(np.diff(status, prepend=-1))

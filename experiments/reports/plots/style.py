@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from experiments.recording.recording import RunResult, filter_title, run_title
+from experiments.recording.recording import Recording, filter_title, run_title
 
 P = ParamSpec("P")
 
@@ -56,12 +56,12 @@ def _png(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def with_ticks(results: Sequence[RunResult]) -> list[RunResult]:
+def with_ticks(results: Sequence[Recording]) -> list[Recording]:
     """The runs that got to a first tick."""
     return [r for r in results if len(r.series["time"])]
 
 
-def coloured(results: Sequence[RunResult]) -> Iterator[tuple[RunResult, str]]:
+def coloured(results: Sequence[Recording]) -> Iterator[tuple[Recording, str]]:
     """Each run with its colour: red without a filter, another for each further run."""
     free = iter(FILTERED * (1 + len(results) // len(FILTERED)))
     unfiltered = False
@@ -102,7 +102,7 @@ def label_time(axes: Sequence[Axes]) -> None:
         axis.set_xlabel("time [s]")
 
 
-def legend_of_runs(figure: Figure, results: Sequence[RunResult]) -> None:
+def legend_of_runs(figure: Figure, results: Sequence[Recording]) -> None:
     """One legend of the runs over the figure."""
     legend_above(figure, [Line2D([], [], color=c, lw=2.2, label=run_title(r)) for r, c in coloured(results)], 4)
 

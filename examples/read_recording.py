@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 import safewbc as sw
-from experiments.metrics.metric import known_metrics
+from experiments.metrics.catalogue import known_metrics
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import PlantOptions
 

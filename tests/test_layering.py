@@ -4,7 +4,8 @@ import ast
 import json
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from graphlib import TopologicalSorter
 from pathlib import Path
 
 import pytest
@@ -21,6 +22,24 @@ MAY_IMPORT = {
     "safewbc": ("robots", "wbc", "safety", "controllers", "sims", "experiments"),
 }
 """Package to what it may import of ours beside itself; the one table of the layering."""
+
+FLOORS = {
+    "safety": ("geometry", "tracking", "barriers", "filters"),
+    "controllers": (
+        "balance",
+        "perception",
+        "obstacle_tracker",
+        "policies",
+        "reference",
+        "motions",
+        "whole_body",
+        "gaits",
+        "supervisor",
+        "agent",
+    ),
+    "experiments": ("recording", "metrics", "reports", "scenarios", "running", "benchmarks", "studies", "cli"),
+}
+"""Sub-packages and modules of a package, from the ground up: each imports only what stands before it."""
 
 FLOORS = {
     "safety": ("geometry", "tracking", "barriers", "filters"),
@@ -124,6 +143,54 @@ def test_table_lists_a_package_after_all_it_may_import() -> None:
 )
 def test_the_check_itself_tells_allowed_from_forbidden(package: str, source: str, faults: list[str]) -> None:
     assert layering_faults(package, ast.parse(source)) == faults
+
+
+def without_type_checking(tree: ast.Module) -> ast.Module:
+    """The source without what only type checkers read."""
+
+    class Drop(ast.NodeTransformer):
+        def visit_If(self, node: ast.If) -> ast.AST | None:
+            only_types = isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+            return None if only_types else self.generic_visit(node)
+
+    return Drop().visit(tree)
+
+
+@pytest.mark.parametrize("package", FLOORS)
+def test_within_a_package_imports_go_down(package: str) -> None:
+    floors = FLOORS[package]
+    there = {p.stem for p in (ROOT / package).iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    assert there - {"__init__"} == set(floors)
+    upward = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in sources(package)
+        for name in imported(without_type_checking(parse(path)))
+        if (own := path.relative_to(ROOT).with_suffix("").parts[1]) != "__init__"
+        and name.startswith(f"{package}.")
+        and (other := name.split(".")[1]) in floors
+        and floors.index(other) > floors.index(own)
+    ]
+    assert not upward
+
+
+def test_no_modules_import_each_other_in_a_circle() -> None:
+    modules = {
+        ".".join(p.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__"): p for p in sources(*MAY_IMPORT)
+    }
+    graph = {
+        module: {home for name in imported(without_type_checking(parse(path))) if (home := home_of(name, modules))}
+        for module, path in modules.items()
+    }
+    # raises where there is a circle, and names it
+    order = TopologicalSorter({module: homes - {module} for module, homes in graph.items()}).static_order()
+    assert len(list(order)) == len(modules)
+
+
+def home_of(name: str, modules: Mapping[str, Path]) -> str | None:
+    """The module that a dotted name is in; ``None`` for one of others."""
+    while name and name not in modules:
+        name = name.rpartition(".")[0]
+    return name or None
 
 
 def test_each_solver_is_imported_by_its_own_wrapper_only() -> None:

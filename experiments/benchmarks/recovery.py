@@ -9,10 +9,8 @@ import numpy as np
 from controllers.agent import Agent, AgentOutput
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.robot_config import controller_config
-from experiments.benchmarks.study_print import show_study
 from experiments.metrics.metric import Metric
 from experiments.running.loop import ClosedLoop, Observer
-from experiments.scenarios.options import BenchOptions
 from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -56,14 +54,6 @@ COLUMNS = (
     Metric("out_s", "h > -5 mm from", "s"),
     Metric("h_end_m", "h, end", "mm", 1e3),
 )
-
-
-def bench_recovery(options: BenchOptions) -> int:
-    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
-    from experiments.benchmarks.plots import recovery_plot
-
-    show_study(recovery_study, recovery_plot, "leaving the torso", TITLE, COLUMNS, options.out)
-    return 0
 
 
 def recovery_study(

@@ -5,11 +5,10 @@ from typing import Any
 
 import numpy as np
 
-from experiments.benchmarks.study_print import show_study
 from experiments.metrics.metric import Metric
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
-from experiments.scenarios.options import BenchOptions, FilterOptions
+from experiments.scenarios.options import FilterOptions
 from robots.messages import Array
 
 TARGETS: Mapping[str, tuple[float, float, float]] = {
@@ -44,14 +43,6 @@ COLUMNS = (
     Metric("torque_step_max", "torque step / limit", "%", 1e2),
     Metric("torque_max", "torque / limit", "%", 1e2),
 )
-
-
-def bench_straight(options: BenchOptions) -> int:
-    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
-    from experiments.benchmarks.plots import straight_plot
-
-    show_study(straight_study, straight_plot, "sending the hands away", TITLE, COLUMNS, options.out)
-    return 0
 
 
 def straight_study(

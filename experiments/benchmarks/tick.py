@@ -48,9 +48,9 @@ BENCHMARKS = {
     "loop": ("benchmarks.loop", "bench_loop", ("filters", "solver", "ticks")),
     "filters": ("benchmarks.filter_bench", "bench_filters", OF_TICK),
     "peers": ("benchmarks.peers", "bench_peers", (*OF_TICK, "filters")),
-    "tracking": ("benchmarks.tracking", "bench_tracking", OF_NONE),
-    "recovery": ("benchmarks.recovery", "bench_recovery", OF_NONE),
-    "straight": ("benchmarks.straight_arms", "bench_straight", OF_NONE),
+    "tracking": ("benchmarks.pictured", "bench_tracking", OF_NONE),
+    "recovery": ("benchmarks.pictured", "bench_recovery", OF_NONE),
+    "straight": ("benchmarks.pictured", "bench_straight", OF_NONE),
 }
 """Module and function of each benchmark, and the options that it does not use."""
 

@@ -2,19 +2,15 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from rich.console import Console
 
-from experiments.benchmarks.crossing import CROSSING, NOISE, TICK, crossing_study
-from experiments.benchmarks.study_print import write_study
+from experiments.benchmarks.crossing import CROSSING, NOISE, TICK
 from experiments.metrics.metric import Metric
 from experiments.reports.metric_tables import rows_table
 from experiments.reports.table import show
-from experiments.running.terminal import make_console
-from experiments.scenarios.options import BenchOptions
 from robots.messages import Array
 from safety.tracking import MODELS, ObstacleTrack, TrackerSettings
 from sims.obstacles import BrownianMotion, CircularMotion, ObstacleMotion, PositionSensor, StopAndGo
@@ -45,26 +41,6 @@ TRACKING = (
     Metric("nees", "NEES", "of 6"),
     Metric("rejected", "rejected"),
 )
-
-
-def bench_tracking(options: BenchOptions) -> int:
-    """:func:`tracking`, from the command line."""
-    return tracking(options.out)
-
-
-def tracking(out: Path | None, seed: int = 0) -> int:
-    """Run both studies and print their tables; with ``out`` write them there as JSON, and a plot beside; returns 0."""
-    console = make_console()
-    with console.status("tracking obstacles"):
-        rows = tracking_study(seed)
-    with console.status("crossing the hands"):
-        crossings = crossing_study(range(seed, seed + 5))
-    print_tracking(console, rows, crossings)
-    if out is not None:
-        from experiments.benchmarks.plots import tracking_plot
-
-        write_study(console, out, {"tracking": rows, "crossing": crossings}, tracking_plot(seed))
-    return 0
 
 
 def print_tracking(console: Console, rows: Sequence[Mapping[str, Any]], crossings: Sequence[Mapping[str, Any]]) -> None:

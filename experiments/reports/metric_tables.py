@@ -4,7 +4,8 @@ from collections.abc import Mapping, Sequence
 from itertools import groupby
 from typing import Any
 
-from experiments.metrics.metric import GROUPS, Metric, known_metrics
+from experiments.metrics.catalogue import known_metrics
+from experiments.metrics.metric import GROUPS, Metric
 from experiments.recording.plain import plain
 from experiments.recording.recording import Recording, run_title
 from experiments.reports.table import Cell, Column, Row, Table

@@ -10,7 +10,7 @@ from controllers.agent import Agent
 from controllers.gaits.commands import CommandProfile
 from controllers.whole_body.config import ControllerConfig
 from experiments.metrics.balance import convex_polygon, guarantee_figures, summarise, versions
-from experiments.metrics.metric import in_order
+from experiments.metrics.catalogue import in_order
 from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
 from experiments.running.faults import BrokenEncoder
@@ -20,9 +20,9 @@ from experiments.running.recorder import Recorder
 from experiments.running.reference_motion import reference_motion
 from experiments.running.world import RunWorld, World
 from experiments.scenarios.corridor_case import CorridorCase
-from experiments.scenarios.registry import SCENARIOS, reference_to
+from experiments.scenarios.registry import SCENARIOS
 from experiments.scenarios.resolve import control_config, plant_config, reads
-from experiments.scenarios.scenario import Runnable, Scenario, Setup
+from experiments.scenarios.scenario import Runnable, Scenario, Setup, reference_to
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
 from robots.errors import ConfigError

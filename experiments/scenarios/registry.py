@@ -2,7 +2,6 @@
 
 import os
 import sys
-from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
@@ -12,7 +11,7 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.pushed import Pushed
 from experiments.scenarios.random_walk import RandomWalk
-from experiments.scenarios.scenario import SCENARIO, Runnable, Scenario
+from experiments.scenarios.scenario import Runnable, Scenario, split_table
 from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
@@ -77,18 +76,11 @@ def _imported(reference: str) -> type[Runnable]:
     return found
 
 
-def reference_to(scenario: type[Runnable]) -> str:
-    """What :func:`scenario_called` finds the class by: its name, or ``module:Class`` from outside the project."""
-    return scenario.name if scenario in RUNNABLE else f"{scenario.__module__}:{scenario.__qualname__}"
-
-
 def read_scenario(table: Any) -> Runnable:
     """A scenario from the table that :meth:`Runnable.to_json` made of it.
 
     Raises:
         SafeWbcError: no such scenario, or a field is unknown or not of its type; names it and what is allowed.
     """
-    if not isinstance(table, Mapping) or SCENARIO not in table:
-        raise ConfigError(SCENARIO, table, f"a table with the entry {SCENARIO!r}")
-    kind = scenario_called(str(table[SCENARIO]))
-    return from_plain(kind, {k: v for k, v in table.items() if k != SCENARIO}, str(table[SCENARIO]))
+    reference, fields = split_table(table)
+    return from_plain(scenario_called(reference), fields, reference)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self
 import tyro
 
 from experiments.metrics.metric import Metric
-from experiments.scenarios.content import Content
+from experiments.scenarios.content import Content, from_plain
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
 from experiments.scenarios.world import WorldObject
@@ -63,8 +63,6 @@ class Runnable(Content, ABC):
 
     def to_json(self) -> dict[str, Any]:
         """See :meth:`Content.to_json`; names the class besides, so that :func:`read_scenario` finds it."""
-        from experiments.scenarios.registry import reference_to
-
         return {SCENARIO: reference_to(type(self))} | super().to_json()
 
     @classmethod
@@ -74,12 +72,30 @@ class Runnable(Content, ABC):
         Raises:
             SafeWbcError: the table is of another class, or a field is unknown or not of its type.
         """
-        from experiments.scenarios.registry import read_scenario
+        reference, fields = split_table(table)
+        if reference != reference_to(cls):
+            raise ConfigError(SCENARIO, reference, reference_to(cls))
+        return from_plain(cls, fields, reference)
 
-        read = read_scenario(table)
-        if not isinstance(read, cls):
-            raise ConfigError(SCENARIO, table[SCENARIO], f"a {cls.__name__}")
-        return read
+
+def split_table(table: Any) -> tuple[str, dict[str, Any]]:
+    """What a table that holds a scenario names, and the fields.
+
+    Raises:
+        ConfigError: it names none.
+    """
+    if not isinstance(table, Mapping) or SCENARIO not in table:
+        raise ConfigError(SCENARIO, table, f"a table with the entry {SCENARIO!r}")
+    return str(table[SCENARIO]), {k: v for k, v in table.items() if k != SCENARIO}
+
+
+def reference_to(scenario: type[Runnable]) -> str:
+    """What :func:`experiments.scenarios.registry.scenario_called` finds the class by.
+
+    Its name, or ``module:Class`` from outside the project.
+    """
+    ours = scenario.__module__.startswith(f"{__package__}.")
+    return scenario.name if ours else f"{scenario.__module__}:{scenario.__qualname__}"
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,6 @@ if TYPE_CHECKING:
     from robots.description import RobotDescription
     from robots.messages import Array
 
-FIRST, LAST = 1.0, 3.0
-"""The robot stands for this long at the beginning, and is told to stop this long before the end [s]."""
-
 
 @dataclass(frozen=True)
 class Walk(Scenario):
@@ -59,7 +56,14 @@ class Walk(Scenario):
 
     def setup(self, robot: RobotDescription) -> Setup:
         """A gait at the commands that options ask for: see :meth:`Scenario.setup`."""
-        from experiments.scenarios.walk_plan import check_obstacle, command_profile, walk_posture, walk_setup
+        from experiments.scenarios.walk_plan import (
+            FIRST,
+            LAST,
+            check_obstacle,
+            command_profile,
+            walk_posture,
+            walk_setup,
+        )
 
         robot.posture(walk_posture(self.hands))
         parse_pushes(self.push, self.duration)

@@ -1,8 +1,11 @@
 """What walking on command means for a robot: gait, commands, and where a sphere beside the way meets the hand."""
 
+from __future__ import annotations
+
 import dataclasses
 import math
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +17,16 @@ from controllers.motions.hands import CarriedHands, Motion
 from controllers.reference import WholeBodyReference
 from experiments.scenarios.passing_sphere import Beside
 from experiments.scenarios.scenario import Setup
-from experiments.scenarios.walk import FIRST, LAST, Walk
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.pinocchio_model import standing_configuration
+
+if TYPE_CHECKING:
+    from experiments.scenarios.walk import Walk
+
+FIRST, LAST = 1.0, 3.0
+"""The robot stands for this long at the beginning, and is told to stop this long before the end [s]."""
 
 MEETING_STEPS = 4
 """Steps after the first left support until the left hand meets an obstacle: even, so that it is on the left again."""

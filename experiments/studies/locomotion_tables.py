@@ -4,7 +4,8 @@ import itertools
 from pathlib import Path
 from typing import Any
 
-from experiments.metrics.metric import Metric, column
+from experiments.metrics.catalogue import column
+from experiments.metrics.metric import Metric
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario

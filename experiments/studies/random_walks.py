@@ -2,7 +2,8 @@
 
 from collections.abc import Sequence
 
-from experiments.metrics.metric import Metric, column
+from experiments.metrics.catalogue import column
+from experiments.metrics.metric import Metric
 from experiments.running.run import prepare
 from experiments.scenarios.random_walk import RandomWalk
 from experiments.studies.case import Case

@@ -2,7 +2,8 @@
 
 import dataclasses
 
-from experiments.metrics.metric import Metric, column
+from experiments.metrics.catalogue import column
+from experiments.metrics.metric import Metric
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.resolve import LAYERED

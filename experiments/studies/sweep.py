@@ -1,6 +1,6 @@
 """``safewbc sweep``: a scenario over a grid or a random sample of its parameters."""
 
-from experiments.scenarios.registry import reference_to
+from experiments.scenarios.scenario import reference_to
 from experiments.studies.case import Study
 from experiments.studies.command import command_line, run_study, study_folder
 from experiments.studies.grid import Sweep, make_sweep, read_values

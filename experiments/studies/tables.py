@@ -4,7 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
 
-from experiments.metrics.metric import Metric, declared
+from experiments.metrics.catalogue import declared
+from experiments.metrics.metric import Metric
 from experiments.reports.table import Column, Table
 from experiments.reports.table import Row as Line
 from experiments.studies.case import Row

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.whole_body.robot_config import controller_config
-from experiments.benchmarks.plots import recovery_plot
+from experiments.benchmarks.pictured import recovery_plot
 from experiments.benchmarks.recovery import COLUMNS, TITLE, recovery_figures, recovery_study
 from experiments.benchmarks.study_print import show_study
 from robots.loader import load_robot

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.benchmarks.plots import straight_plot
+from experiments.benchmarks.pictured import straight_plot
 from experiments.benchmarks.straight_arms import (
     COLUMNS,
     LIMIT,

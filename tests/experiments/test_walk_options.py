@@ -22,8 +22,8 @@ from experiments.running.run import commands_at, prepare
 from experiments.scenarios.passing_sphere import OVERLAP, RADIUS, Beside, sphere_beside
 from experiments.scenarios.pushes import PUSH_TIME, Push
 from experiments.scenarios.registry import RUNNABLE, scenario_called
-from experiments.scenarios.walk import FIRST, LAST, Walk
-from experiments.scenarios.walk_plan import command_profile, meeting, sway
+from experiments.scenarios.walk import Walk
+from experiments.scenarios.walk_plan import FIRST, LAST, command_profile, meeting, sway
 from experiments.scenarios.world import Sensor
 from robots.errors import ConfigError, UnknownNameError
 from robots.kinematics import Kinematics

@@ -1,18 +1,61 @@
-"""Plots of the small studies, which ``--out`` writes; each function returns a PNG."""
+"""Small studies with a picture: their commands, and the plots that ``--out`` writes, each a PNG."""
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from matplotlib.figure import Figure
 
-from experiments.benchmarks.crossing import NOISE
+from experiments.benchmarks import recovery, straight_arms
+from experiments.benchmarks.crossing import NOISE, crossing_study
 from experiments.benchmarks.straight_arms import WAYS, command_steps
-from experiments.benchmarks.study_print import Runs
-from experiments.benchmarks.tracking import follow, study_motions
+from experiments.benchmarks.study_print import Runs, show_study, write_study
+from experiments.benchmarks.tracking import follow, print_tracking, study_motions, tracking_study
 from experiments.reports.plots.style import FILTERED, INK, as_png, label_time, new_axes, shared_legend
+from experiments.running.terminal import make_console
+from experiments.scenarios.options import BenchOptions
 from robots.loader import load_robot
 from safety.tracking import MODELS, TrackerSettings
+
+
+def bench_straight(options: BenchOptions) -> int:
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(
+        straight_arms.straight_study,
+        straight_plot,
+        "sending the hands away",
+        straight_arms.TITLE,
+        straight_arms.COLUMNS,
+        options.out,
+    )
+    return 0
+
+
+def bench_recovery(options: BenchOptions) -> int:
+    """Make all runs and print their table; with ``out`` write it there as JSON, and a plot beside; returns 0."""
+    show_study(
+        recovery.recovery_study, recovery_plot, "leaving the torso", recovery.TITLE, recovery.COLUMNS, options.out
+    )
+    return 0
+
+
+def bench_tracking(options: BenchOptions) -> int:
+    """:func:`tracking`, from the command line."""
+    return tracking(options.out)
+
+
+def tracking(out: Path | None, seed: int = 0) -> int:
+    """Run both studies and print their tables; with ``out`` write them there as JSON, and a plot beside; returns 0."""
+    console = make_console()
+    with console.status("tracking obstacles"):
+        rows = tracking_study(seed)
+    with console.status("crossing the hands"):
+        crossings = crossing_study(range(seed, seed + 5))
+    print_tracking(console, rows, crossings)
+    if out is not None:
+        write_study(console, out, {"tracking": rows, "crossing": crossings}, tracking_plot(seed))
+    return 0
 
 
 @as_png

@@ -56,7 +56,7 @@ def test_settings_are_checked() -> None:
 
 def test_the_load_estimate_survives_forces_that_are_not_numbers(robot: RobotDescription) -> None:
     config = controller_config(robot)
-    balance = replace(config.balance, load_time=1.0)
+    balance = replace(config.balance, mass_time_constant=1.0)
     controller = WholeBodyController(robot, replace(config, balance=balance), with_hands=False)
     state = at_rest(robot)
     controller.reset(state)

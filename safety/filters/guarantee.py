@@ -240,9 +240,9 @@ class RowBound:
 
     .. math:: \dot b_i = -\alpha b_i + \|J_i\|^2/\varepsilon + J_i d, \quad b_i(0) = h_i(0)
 
-    (as in :meth:`SafetyBound.row_forcing`). It says how much of the margin that the condition keeps the disturbance takes.
-    What separates h from it is that the condition was not active. Unlike the other bounds it gives nothing away, so
-    the period for which the filter holds its velocity shows: h may lie below it by what that amounts to.
+    (as in :meth:`SafetyBound.row_forcing`). It says how much of the margin that the condition keeps the disturbance
+    takes. What separates h from it is that the condition was not active. Unlike the other bounds it gives nothing away,
+    so the period for which the filter holds its velocity shows: h may lie below it by what that amounts to.
 
     Args:
         promise: of the family.

@@ -185,7 +185,7 @@ class BalanceTuning:
 
     Attributes:
         dcm_gain: rate at which its error decays, above 0 [1/s].
-        mass_time_constant: time constant with which the robot's mass is estimated from measured foot forces; 0 keeps the
+        mass_time_constant: with which the robot's mass is estimated from measured foot forces; 0 keeps the
             model's [s].
     """
 

@@ -19,6 +19,7 @@ from safety.filters.guarantee import (
     cbf_running_bound,
     issf_bound,
     issf_running_bound,
+    safety_bounds,
     settle,
 )
 

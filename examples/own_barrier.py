@@ -21,11 +21,11 @@ class Wall(sw.Barrier):
     def __init__(self, kin: sw.Kinematics) -> None:
         self.hand = kin.frame_id(kin.robot.roles["left_hand"])
 
-    def write(self, kin: sw.Kinematics, h: Array, jac: Array, drift: Array) -> None:
+    def write(self, kin: sw.Kinematics, h: Array, jac: Array, dh_dt: Array) -> None:
         """See :meth:`safety.barriers.barrier.Barrier.write`."""
         h[0] = WALL - kin.frame_placement(self.hand)[1][0]
         jac[0] = -kin.frame_jacobian(self.hand)[0]
-        drift[0] = 0.0
+        dh_dt[0] = 0.0
 
     def labels(self) -> tuple[str, ...]:
         """See :meth:`safety.barriers.barrier.Barrier.labels`."""

@@ -26,7 +26,7 @@ def braking_cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     """Half-spaces of dh/dt >= -min(alpha h, sqrt(2 a h)): the second is the speed from which a brakes within h."""
     brakes = np.sqrt(2.0 * parameters.own["deceleration"] * np.maximum(rows.h, 0.0))
     fastest = np.where(rows.h > 0.0, np.minimum(parameters.alpha * rows.h, brakes), parameters.alpha * rows.h)
-    return HalfSpaces(rows.jac, -fastest - rows.drift, np.ones(rows.h.size, dtype=bool))
+    return HalfSpaces(rows.jac, -fastest - rows.dh_dt, np.ones(rows.h.size, dtype=bool))
 
 
 BRAKING = FilterKind("braking", "braking CBF", braking_cbf, NEAREST, "this script", parameters=Braking())

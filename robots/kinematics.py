@@ -67,8 +67,8 @@ class Kinematics:
         com: shape (3,) centre of mass in the world [m], of the bodies that may move.
         com_velocity: shape (3,) its velocity [m/s].
         com_jacobian: shape (3, nv).
-        com_drift: shape (3,) what the CoM accelerates by without joint accelerations [m/s^2], after
-            :meth:`update_drift`.
+        com_bias_acceleration: shape (3,) what the CoM accelerates by without joint accelerations [m/s^2], after
+            :meth:`update_bias_acceleration`.
     """
 
     def __init__(
@@ -127,7 +127,7 @@ class Kinematics:
         self._frame_ids: dict[str, int] = {f.name: i for i, f in enumerate(self.model.frames)}
         self._placements = self._frame_placement_views()
         self.support = self._support_mask()
-        self.com_drift = self._borrow(self.data.acom[0])
+        self.com_bias_acceleration = self._borrow(self.data.acom[0])
         self._rest = np.zeros(self.nv)
         self._jacobian_rate = self._borrow(self.data.dJ)
         self._rates = np.zeros((self.model.njoints, self.nv))
@@ -199,15 +199,15 @@ class Kinematics:
         np.matmul(self._rates, self.world_jacobian.T, out=self.joint_velocities)
         np.matmul(self._rates, self._jacobian_rate.T, out=self.joint_accelerations)
 
-    def update_drift(self) -> None:
-        """Compute ``com_drift`` and what :meth:`frame_drift` gives at the state of the last :meth:`update`."""
+    def update_bias_acceleration(self) -> None:
+        """Compute ``com_bias_acceleration`` and what :meth:`frame_bias_acceleration` gives, at the last state."""
         pin.forwardKinematics(self.model, self.data, self.q, self.v, self._rest)
         pin.centerOfMass(self.model, self.data, pin.KinematicLevel.ACCELERATION, False)
 
-    def frame_drift(self, frame_id: int) -> Array:
+    def frame_bias_acceleration(self, frame_id: int) -> Array:
         r"""What a frame accelerates by without joint accelerations, :math:`\dot J v` (6,): origin, then angular.
 
-        World axes [m/s^2, rad/s^2]; after :meth:`update_drift`.
+        World axes [m/s^2, rad/s^2]; after :meth:`update_bias_acceleration`.
         """
         axes = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return pin.getFrameClassicalAcceleration(self.model, self.data, frame_id, axes).vector

@@ -55,7 +55,7 @@ class TaskBlock:
             if not isinstance(task, FrameTask)
         ]
         self._frames = [task for task in tasks if isinstance(task, FrameTask)]
-        self._references, self._drift = np.zeros((len(self._frames), 24)), np.zeros((len(self._frames), 6))
+        self._references, self._bias = np.zeros((len(self._frames), 24)), np.zeros((len(self._frames), 6))
         self._corrections = np.zeros((len(self._frames), 3))
         self._gains = np.zeros((len(self._frames), 6))
         for i, frame in enumerate(self._frames):
@@ -74,12 +74,12 @@ class TaskBlock:
         if len(self._table) < len(self._frames):
             self._table = self._make_table(kin)
         for i, frame in self._compensated:
-            self._drift[i] = frame.bias_acceleration(kin)
+            self._bias[i] = frame.bias_acceleration(kin)
         evaluate_frames(
             self._table,
             self._gains,
             self._references,
-            self._drift,
+            self._bias,
             kin.frame_transforms,
             kin.world_jacobian,
             kin.support,

@@ -123,7 +123,7 @@ def evaluate_frames(
     table: Indices,
     gains: Array,
     references: Array,
-    drift: Array,
+    bias: Array,
     transforms: Array,
     world: Array,
     support: Array,
@@ -140,7 +140,7 @@ def evaluate_frames(
             gain, and by how much the position's correction may change from one evaluation to the next; infinite: by
             anything.
         references: shape (n, 24): position, rotation (row by row), velocity, acceleration (linear, then angular).
-        drift: shape (n, 6) taken off the acceleration.
+        bias: shape (n, 6) taken off the acceleration.
         transforms: shape (nframes, 12) placements of all frames: see :class:`robots.kinematics.Kinematics`.
         world: shape (6, nv) its ``world_jacobian``.
         support: shape (njoints, nv) its ``support``.
@@ -158,7 +158,7 @@ def evaluate_frames(
             _follow(wanted, corrections[i], gain[5])
             for k in range(3):
                 command[row + k] = (
-                    wanted[k] + reference[VELOCITY_AT + k] + (reference[ACCELERATION_AT + k] - drift[i, k]) / gain[4]
+                    wanted[k] + reference[VELOCITY_AT + k] + (reference[ACCELERATION_AT + k] - bias[i, k]) / gain[4]
                 )
             row += 3
         if kind & ORIENTATION:
@@ -173,4 +173,4 @@ def evaluate_frames(
                 wanted[k] *= gain[2]
             _clip(wanted, gain[3])
             for k in range(3):
-                command[row + k] = wanted[k] + reference[15 + k] + (reference[21 + k] - drift[i, 3 + k]) / gain[4]
+                command[row + k] = wanted[k] + reference[15 + k] + (reference[21 + k] - bias[i, 3 + k]) / gain[4]

@@ -185,16 +185,16 @@ class BalanceTuning:
 
     Attributes:
         dcm_gain: rate at which its error decays, above 0 [1/s].
-        load_time: time constant with which the robot's mass is estimated from measured foot forces; 0 keeps the
+        mass_time_constant: with which the robot's mass is estimated from measured foot forces; 0 keeps the
             model's [s].
     """
 
     dcm_gain: float = 4.0
-    load_time: float = 0.0
+    mass_time_constant: float = 0.0
 
     def __post_init__(self) -> None:
         require_positive("balance dcm_gain", self.dcm_gain)
-        require_non_negative("balance load_time", self.load_time)
+        require_non_negative("balance mass_time_constant", self.mass_time_constant)
 
 
 @dataclass(frozen=True, slots=True)

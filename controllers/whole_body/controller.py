@@ -9,7 +9,7 @@ import numpy as np
 from controllers.reference import WholeBodyReference
 from controllers.whole_body.config import ControllerConfig, FilterTuning, TaskTuning
 from controllers.whole_body.dynamics import DynamicLevel
-from controllers.whole_body.mass_estimator import LoadEstimator
+from controllers.whole_body.mass_estimator import MassEstimator
 from controllers.whole_body.safety_level import SafetyLevel
 from controllers.whole_body.task_stack import PlacedTask, TaskStack
 from controllers.whole_body.warm_up import situations
@@ -135,7 +135,7 @@ class WholeBodyController:
         return self._dynamics.dynwbc
 
     @property
-    def load(self) -> LoadEstimator | None:
+    def load(self) -> MassEstimator | None:
         """How heavy the robot really is; ``None`` where the model's mass is taken."""
         return self._dynamics.load
 
@@ -241,7 +241,7 @@ class WholeBodyController:
     def desired_velocity(self, reference: WholeBodyReference) -> Array:
         """KinWBC alone: velocity (nv,) for a reference at the configuration of ``kin``."""
         if self._tasks.compensates_bias:
-            self._kin.update_drift()
+            self._kin.update_bias_acceleration()
         self._tasks.set_references(reference)
         return self.kinwbc.solve(self.kinwbc.evaluate(self._kin))
 
@@ -271,7 +271,7 @@ class WholeBodyController:
         began = self._clock()
         self._kin.update(state.q, state.v)
         if self._tasks.compensates_bias:
-            self._kin.update_drift()
+            self._kin.update_bias_acceleration()
         self._kinematics_time = self._clock() - began
 
     def respond(

@@ -5,7 +5,7 @@ import numpy as np
 from controllers.reference import WholeBodyReference
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.feedforward import gravity_torque
-from controllers.whole_body.mass_estimator import LoadEstimator
+from controllers.whole_body.mass_estimator import MassEstimator
 from controllers.whole_body.strategy import AccelerationConditions
 from robots.description import Sole
 from robots.kinematics import Kinematics
@@ -33,8 +33,8 @@ class DynamicLevel:
         """
         self._kin, self._dt, self._torque = kin, config.dt, config.torque
         self._mass = kin.robot.total_mass
-        load_time = config.balance.load_time
-        self.load = LoadEstimator(self._mass, load_time) if load_time > 0 else None
+        mass_time_constant = config.balance.mass_time_constant
+        self.load = MassEstimator(self._mass, mass_time_constant) if mass_time_constant > 0 else None
         contacts = [_contact(config, sole) for sole in kin.robot.soles]
         self.half_sizes = np.array([[c.half_length, c.half_width] for c in contacts])
         self.dynwbc = DynWbc(kin, contacts, config.dynwbc, config.dynwbc_solver)

@@ -10,7 +10,7 @@ LIGHTEST, HEAVIEST = 0.6, 1.6
 """Bounds of the estimate, as shares of the model's mass: a foot in the air or a stamp is no weight."""
 
 
-class LoadEstimator:
+class MassEstimator:
     r"""Mean of the vertical force under the feet over the model's weight, by a first-order low-pass filter.
 
     .. math:: \dot s = (f_z / (m g) - s) / T

@@ -69,14 +69,14 @@ def at_rest(kin: Kinematics, q: Array) -> RobotState:
 
 def obstacles_at(point: Array, kinds: Sequence[str]) -> tuple[Obstacle, ...]:
     """An obstacle of each of the ``kinds`` 10 cm in front of a point (3,) [m], moving and turning towards it."""
-    towards, spin = np.array([-0.5, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
+    towards, angular_velocity = np.array([-0.5, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
     place = point + np.array([0.1, 0.0, 0.0])
     end, half_sizes = place + np.array([0.0, 0.1, 0.1]), np.array([0.05, 0.1, 0.1])
     made = {
         "sphere": lambda: Obstacle.sphere(place, 0.05, towards),
-        "capsule": lambda: Obstacle.capsule(place, end, 0.05, towards, spin),
-        "box": lambda: Obstacle.box(place, np.eye(3), half_sizes, towards, spin),
-        "half_space": lambda: Obstacle.half_space(place, towards, towards, spin),
+        "capsule": lambda: Obstacle.capsule(place, end, 0.05, towards, angular_velocity),
+        "box": lambda: Obstacle.box(place, np.eye(3), half_sizes, towards, angular_velocity),
+        "half_space": lambda: Obstacle.half_space(place, towards, towards, angular_velocity),
     }
     return tuple(made[kind]() for kind in kinds)
 

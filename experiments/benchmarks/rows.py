@@ -56,7 +56,7 @@ def cases(robot: RobotDescription) -> Iterator[tuple[RobotDescription, Scene]]:
     yield with_spheres(robot), Scene(f"{robot.name}, bodies as spheres", ())
     yield robot, Scene(robot.name, ())
     kin = Kinematics(robot)
-    bodies = int(CollisionBodies(kin).carried.sum())
+    bodies = int(CollisionBodies(kin).is_movable.sum())
     own = Course(robot, BenchOptions("rows"), Scene("", ())).controller.barriers.size
     for size in SIZES:
         count = max(0, -(-(size - own) // bodies))

@@ -109,7 +109,7 @@ class Course:
 def nearest_bodies(bodies: CollisionBodies, point: Array) -> Indices:
     """Indices of the bodies by the distance of their starts from ``point`` (3,), those first that move."""
     distance = np.linalg.norm(bodies.origin - point, axis=1)
-    return np.argsort(np.where(bodies.carried, distance, np.inf))
+    return np.argsort(np.where(bodies.is_movable, distance, np.inf))
 
 
 def undisturbed(robot: RobotDescription, options: BenchOptions) -> tuple[Start, ...]:

@@ -39,7 +39,7 @@ class Scene:
         name: of the sequence.
         kinds: of the obstacles.
         speed: least and largest speed [m/s]; drawn evenly in its logarithm, 0 stands still.
-        spin: size of the angular velocity, about an axis that is drawn [rad/s].
+        angular_velocity: size of the angular velocity, about an axis that is drawn [rad/s].
         every: an obstacle is drawn anew after as many ticks.
         spread: how far from a body it is put, standard deviation [m].
         layout: ``around`` the bodies, ``shell`` at a fixed distance round the first of them, ``cluster`` on nearly the
@@ -51,7 +51,7 @@ class Scene:
     name: str
     kinds: tuple[str, ...]
     speed: tuple[float, float] = (0.0, 0.0)
-    spin: float = 0.0
+    angular_velocity: float = 0.0
     every: int = 50
     spread: float = 0.15
     layout: str = "around"
@@ -60,9 +60,9 @@ class Scene:
 
 
 SCENES = (
-    Scene("boxes turn at 20 rad/s", ("box",) * 5, spin=20.0, every=125),
+    Scene("boxes turn at 20 rad/s", ("box",) * 5, angular_velocity=20.0, every=125),
     Scene("boxes jump", ("box",) * 5, every=3),
-    Scene("capsules jump and turn", ("capsule",) * 7, spin=20.0, every=10),
+    Scene("capsules jump and turn", ("capsule",) * 7, angular_velocity=20.0, every=10),
     Scene("5 m/s to 100 km/s", ("box",) * 2 + ("capsule",) * 3 + ("sphere",) * 6, (5.0, 1e5), 20.0, 7),
     Scene("200 spheres round a hand", ("sphere",) * 200, every=60, spread=0.12, layout="shell", nearest=3),
     Scene("half-spaces rise", ("half_space",) * 12, (0.5, 0.5), every=250, spread=0.3, layout="rising"),
@@ -105,7 +105,7 @@ class Adversary:
             # each at its turn, so that some obstacle changes in nearly every tick
             if not anew and (self._tick + i) % self.scene.every == 0:
                 self._obstacles[i] = self._draw(i, spots)
-            elif self.scene.speed[1] or self.scene.spin:
+            elif self.scene.speed[1] or self.scene.angular_velocity:
                 self._obstacles[i] = obstacle.after(self._dt)
         self._tick += 1
         return self._obstacles
@@ -136,8 +136,8 @@ class Adversary:
             "facing": self._facing,
         }
         place, normal, velocity = layouts[self.scene.layout](index, spots)
-        spin = self.scene.spin * _direction(self._rng)
-        return _obstacle(self.scene.kinds[index], place, normal, velocity, spin, self._rng)
+        angular_velocity = self.scene.angular_velocity * _direction(self._rng)
+        return _obstacle(self.scene.kinds[index], place, normal, velocity, angular_velocity, self._rng)
 
     def _around(self, index: int, spots: Array) -> tuple[Array, Array, Array]:
         """Place, normal and velocity, (3,) each, beside a body; what is fast comes by before it is drawn again."""
@@ -181,19 +181,19 @@ class Adversary:
 
 
 def _obstacle(
-    kind: str, place: Array, normal: Array, velocity: Array, spin: Array, rng: np.random.Generator
+    kind: str, place: Array, normal: Array, velocity: Array, angular_velocity: Array, rng: np.random.Generator
 ) -> Obstacle:
     """An obstacle of this kind about ``place`` (3,); what else it needs is drawn."""
     if kind == "sphere":
         return Obstacle.sphere(place, SPHERE_RADIUS, velocity)
     if kind == "capsule":
         half = 0.5 * CAPSULE_LENGTH * _direction(rng)
-        return Obstacle.capsule(place - half, place + half, CAPSULE_RADIUS, velocity, spin)
+        return Obstacle.capsule(place - half, place + half, CAPSULE_RADIUS, velocity, angular_velocity)
     if kind == "half_space":
-        return Obstacle.half_space(place, normal, velocity, spin)
+        return Obstacle.half_space(place, normal, velocity, angular_velocity)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0]
     axes[:, 0] *= np.linalg.det(axes)
-    return Obstacle.box(place, axes, rng.uniform(SMALLEST, LARGEST, 3), velocity, spin)
+    return Obstacle.box(place, axes, rng.uniform(SMALLEST, LARGEST, 3), velocity, angular_velocity)
 
 
 def _direction(rng: np.random.Generator) -> Array:

@@ -12,7 +12,7 @@ from controllers.whole_body.config import ControllerConfig
 from experiments.recording.outcome import Outcome
 from experiments.recording.recording import GUARANTEED, family_minima
 from robots.messages import Array, Mask
-from safety.filters.guarantee import promises
+from safety.filters.guarantee import safety_bounds
 
 PACKAGES = ("safewbc", "pin", "mujoco", "daqp", "proxsuite", "numpy", "scipy", "numba", "filterpy")
 
@@ -192,7 +192,7 @@ def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_p
     disturbance = series["disturbance"][np.isfinite(series["disturbance"])]
     largest = _largest(disturbance)
     rows = int(series["h_self_collision"].shape[1]) > leg_pairs
-    promise = promises(control.filter, control.safety.parameters()).get("self_collision") if rows else None
+    promise = safety_bounds(control.filter, control.safety.parameters()).get("self_collision") if rows else None
     bound = None
     if promise is not None and largest is not None:
         bound = promise.bound(largest, float(series["gradient"][:, GUARANTEED.index("self_collision")].max()))

@@ -43,7 +43,7 @@ class TrueBarriers:
         rows, kept = self._set.evaluate(self._kin), self._kept
         if kept is None:
             return rows
-        return BarrierRows(rows.h[kept], rows.jac[kept], rows.drift[kept], rows.family[kept])
+        return BarrierRows(rows.h[kept], rows.jac[kept], rows.dh_dt[kept], rows.family[kept])
 
     def gradients(self, rows: BarrierRows) -> Array:
         """Largest size of a row of the Jacobian in each family of ``GUARANTEED``, NaN where it has no rows.

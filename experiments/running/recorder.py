@@ -14,7 +14,7 @@ from experiments.running.ground_truth import TrueBarriers
 from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop, Observer
 from robots.messages import Array, RobotState
-from safety.filters.guarantee import RowBound, promises
+from safety.filters.guarantee import RowBound, safety_bounds
 from safety.filters.results import FilterStatus, explain
 from safety.geometry.shapes import Obstacle
 from sims.plant import MujocoPlant
@@ -60,7 +60,7 @@ class Recorder(Observer):
         ticks = round(duration / agent.dt)
         self._ticks, self._steps = Columns(ticks), Columns(ticks * round(agent.dt / plant.config.dt))
         config = agent.controller.config
-        self._promises = promises(config.filter, config.safety.parameters())
+        self._promises = safety_bounds(config.filter, config.safety.parameters())
         promise = self._promises.get("self_collision")
         self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
         self.first_relaxed: str | None = None

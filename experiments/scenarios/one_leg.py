@@ -88,7 +88,7 @@ def _changes(robot: RobotDescription, options: FilterOptions, torque: str, load_
     changes: dict[str, Any] = {"torque": torque, "safety": safety}
     if load_estimate:
         gain = controller_config(robot).balance.dcm_gain
-        changes["balance"] = BalanceTuning(dcm_gain=gain, load_time=1.0)
+        changes["balance"] = BalanceTuning(dcm_gain=gain, mass_time_constant=1.0)
     return changes
 
 

@@ -74,7 +74,7 @@ def row_series(result: Recording) -> RowSeries:
         rows = truth.evaluate(series["q"][k], obstacles)
         h.append(rows.h)
         squared.append(np.vecdot(rows.jac, rows.jac))
-        rate.append(rows.jac @ series["v_safe"][k] + rows.drift)
+        rate.append(rows.jac @ series["v_safe"][k] + rows.dh_dt)
     return RowSeries(np.array(h), np.array(squared), np.array(rate), dict(truth.slices))
 
 

@@ -16,7 +16,7 @@ class CollisionBodies:
         names: of the collision bodies.
         joints: shape (n,) joint that carries each.
         radius: shape (n,) [m].
-        proper: shape (n,) bool, whether the centre line has a length.
+        is_capsule: shape (n,) bool, whether the centre line has a length.
         carried: shape (n,) bool, whether any rate of ``v`` moves the body.
         origin: shape (n, 3) starts of the centre lines in the world [m].
         direction: shape (n, 3) from start to end [m].
@@ -29,8 +29,8 @@ class CollisionBodies:
         self.names = tuple(s.name for s in shapes)
         self.joints = np.array([p.parentJoint for p in placements], dtype=np.intp)
         self.radius = np.array([s.radius for s in shapes])
-        self.proper = np.array([not s.is_sphere for s in shapes], dtype=bool)
-        self.carried = kin.support[self.joints].any(axis=1)
+        self.is_capsule = np.array([not s.is_sphere for s in shapes], dtype=bool)
+        self.is_movable = kin.support[self.joints].any(axis=1)
         pairs = list(zip(placements, shapes, strict=True))
         self._start = np.array([p.placement.act(s.start) for p, s in pairs]).reshape(-1, 3)
         self._end = np.array([p.placement.act(s.end) for p, s in pairs]).reshape(-1, 3)
@@ -67,8 +67,8 @@ class Barrier(ABC):
     bodies: CollisionBodies | None = None
 
     @abstractmethod
-    def write(self, kin: Kinematics, h: Array, jac: Array, drift: Array) -> None:
-        """Fill ``h`` (size,), ``jac`` (size, nv), ``drift`` (size,) at the kinematics' configuration."""
+    def write(self, kin: Kinematics, h: Array, jac: Array, dh_dt: Array) -> None:
+        """Fill ``h`` (size,), ``jac`` (size, nv), ``dh_dt`` (size,) at the kinematics' configuration."""
 
     @abstractmethod
     def labels(self) -> tuple[str, ...]:
@@ -111,13 +111,13 @@ class JointLimitBarrier(Barrier):
         eye = np.hstack([np.zeros((nj, kin.nv_base)), np.eye(nj)])
         self._jac = np.vstack([eye, -eye])
 
-    def write(self, kin: Kinematics, h: Array, jac: Array, drift: Array) -> None:
+    def write(self, kin: Kinematics, h: Array, jac: Array, dh_dt: Array) -> None:
         """See :meth:`Barrier.write`."""
         joints, nj = kin.q[self._base :], len(self._names)
         np.subtract(joints, self._lower, out=h[:nj])
         np.subtract(self._upper, joints, out=h[nj:])
         jac[:] = self._jac
-        drift[:] = 0.0
+        dh_dt[:] = 0.0
 
     def write_curvature(self, kin: Kinematics, curvature: Array) -> None:
         """Zero: h is linear in the joints."""

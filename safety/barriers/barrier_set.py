@@ -1,4 +1,4 @@
-"""All barriers of a controller together: families of rows h, dh/dq and drift, evaluated once a tick."""
+"""All barriers of a controller together: families of rows h, dh/dq and dh/dt, evaluated once a tick."""
 
 from collections.abc import Sequence
 
@@ -46,7 +46,7 @@ class BarrierSet:
         self._bodies = tuple({id(b): b for b in (bodies, *(x.bodies for x in barriers)) if b is not None}.values())
         self._kin = kin
         n = sum(b.size for b in barriers)
-        self._h, self._drift, self._curvature = np.zeros(n), np.zeros(n), np.zeros(n)
+        self._h, self._dh_dt, self._curvature = np.zeros(n), np.zeros(n), np.zeros(n)
         self._jac = np.zeros((n, kin.nv))
         for b in barriers:
             require_one_of("barrier family", b.family, FAMILIES)
@@ -66,7 +66,7 @@ class BarrierSet:
             self.primary[b.family] = np.concatenate([known, start + b.primary()])
             self._starts.append(start)
             rows = slice(start, start + b.size)
-            self._parts.append((b, self._h[rows], self._jac[rows], self._drift[rows], self._curvature[rows]))
+            self._parts.append((b, self._h[rows], self._jac[rows], self._dh_dt[rows], self._curvature[rows]))
             start += b.size
         self.size = n
         for b in barriers:
@@ -90,12 +90,12 @@ class BarrierSet:
         self._kin = kin
         for bodies in self._bodies:
             bodies.place(kin)
-        for b, h, jac, drift, second in self._parts:
-            b.write(kin, h, jac, drift)
+        for b, h, jac, dh_dt, second in self._parts:
+            b.write(kin, h, jac, dh_dt)
             if second_order:
                 b.write_curvature(kin, second)
         curvature = self._curvature if second_order else None
-        return BarrierRows(self._h, self._jac, self._drift, self._family, curvature, self.cartesian)
+        return BarrierRows(self._h, self._jac, self._dh_dt, self._family, curvature, self.cartesian)
 
     def cartesian(self, row: int) -> tuple[Array, Array]:
         """Jacobian (k, nv) of what moves in a row, and the unit direction (k,) that raises h, of the last evaluation.

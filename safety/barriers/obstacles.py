@@ -12,7 +12,7 @@ from safety.barriers.barrier import CollisionBodies
 from safety.barriers.self_collision import ENDS, ContactBarrier
 from safety.geometry.box_faces import face_edges, share_way_out
 from safety.geometry.boxes import box_contacts
-from safety.geometry.contact_rows import contact_curvature, contact_drift, obstacle_motion
+from safety.geometry.contact_rows import contact_curvature, contact_dh_dt, obstacle_motion
 from safety.geometry.segments import CLOSEST, END_A, START_A, half_space_contacts, segment_contacts
 from safety.geometry.shapes import KINDS, PACKED_SIZE, Obstacle, require_kinds
 
@@ -74,11 +74,11 @@ class ObstacleBarrier(ContactBarrier):
                 raise UnknownNameError("collision body", name, list(bodies.names))
         self.bodies = bodies
         self.kinds = tuple(kinds)
-        chosen = np.flatnonzero(bodies.carried) if only is None else [bodies.names.index(n) for n in only]
+        chosen = np.flatnonzero(bodies.is_movable) if only is None else [bodies.names.index(n) for n in only]
         pairs = [(int(a), o) for a in chosen for o in range(len(self.kinds))]
         self._n_pairs = len(pairs)
         rows = [(a, o, START_A if self.kinds[o] == "half_space" else CLOSEST) for a, o in pairs]
-        rows += [(a, o, f) for a, o in pairs for f in further_features(self.kinds[o], bool(bodies.proper[a]))]
+        rows += [(a, o, f) for a, o in pairs for f in further_features(self.kinds[o], bool(bodies.is_capsule[a]))]
         self._table = np.array([(i, *row) for i, row in enumerate(rows)], dtype=np.intp).reshape(-1, 4)
         _, self._a, self._o, _ = self._table.T.copy()
         super().__init__(bodies.joints[self._a], np.zeros(self._a.size, dtype=np.intp))
@@ -168,12 +168,12 @@ class ObstacleBarrier(ContactBarrier):
         segment_contacts(*lines, *edges, self._edges, self.contacts)
         share_way_out(*lines, *boxes, self._beside, self.contacts)
 
-    def write_drift(self, drift: Array) -> None:
-        """See :meth:`safety.barriers.self_collision.ContactBarrier.write_drift`."""
-        contact_drift(self.contacts, self._o, self._twist, drift)
+    def write_dh_dt(self, dh_dt: Array) -> None:
+        """See :meth:`safety.barriers.self_collision.ContactBarrier.write_dh_dt`."""
+        contact_dh_dt(self.contacts, self._o, self._twist, dh_dt)
 
     def write_curvature(self, kin: Kinematics, curvature: Array) -> None:
-        """See :meth:`safety.barriers.barrier.Barrier.write_curvature`; obstacles keep velocity and spin."""
+        """See :meth:`safety.barriers.barrier.Barrier.write_curvature`; obstacles keep velocity and angular velocity."""
         twists, rates = kin.joint_velocities, kin.joint_accelerations
         contact_curvature(self.contacts, self.joints_a, self._o, twists, rates, self._twist, self._rate, curvature)
 
@@ -189,8 +189,8 @@ class ObstacleBarrier(ContactBarrier):
         return tuple(p if i < self._n_pairs else f"{p}, {LABELS[f]}" for i, (p, f) in enumerate(pairs))
 
 
-def further_features(kind: str, proper: bool) -> tuple[int, ...]:
+def further_features(kind: str, is_capsule: bool) -> tuple[int, ...]:
     """Which rows a robot's body has against an obstacle of this kind beside the first; spheres have none."""
-    if not proper or kind == "sphere":
+    if not is_capsule or kind == "sphere":
         return ()
     return {"capsule": tuple(ENDS), "box": (START_A, END_A, *EDGES), "half_space": (END_A,)}[kind]

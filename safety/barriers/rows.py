@@ -23,7 +23,7 @@ class BarrierRows:
     Attributes:
         h: shape (n,) values [m or rad].
         jac: shape (n, nv) gradients [m/m, m/rad or rad/rad].
-        drift: shape (n,) rate of h from what moves by itself, :math:`-\hat n^T v_{obstacle}` of the obstacle's
+        dh_dt: shape (n,) rate of h from what moves by itself, :math:`-\hat n^T v_{obstacle}` of the obstacle's
             material point in contact [m/s].
         family: shape (n,) index into ``FAMILIES``.
         curvature: shape (n,) second derivative c of h at zero acceleration of the joints and of what moves by itself
@@ -35,7 +35,7 @@ class BarrierRows:
 
     h: Array
     jac: Array
-    drift: Array
+    dh_dt: Array
     family: Indices
     curvature: Array | None = None
     cartesian: Callable[[int], tuple[Array, Array]] | None = None

@@ -47,15 +47,15 @@ class ContactBarrier(Barrier):
     def measure(self, kin: Kinematics, h: Array) -> None:
         """Fill ``contacts`` and ``h`` (size,) at the kinematics' configuration."""
 
-    def write(self, kin: Kinematics, h: Array, jac: Array, drift: Array) -> None:
+    def write(self, kin: Kinematics, h: Array, jac: Array, dh_dt: Array) -> None:
         """See :meth:`safety.barriers.barrier.Barrier.write`; collision bodies must have been placed."""
         self.measure(kin, h)
         contact_gradients(self.contacts, self.joints_a, self.joints_b, kin.world_jacobian, kin.support, jac)
-        self.write_drift(drift)
+        self.write_dh_dt(dh_dt)
 
-    def write_drift(self, drift: Array) -> None:
-        """Fill ``drift`` (size,): zero, where both bodies are the robot's."""
-        drift[:] = 0.0
+    def write_dh_dt(self, dh_dt: Array) -> None:
+        """Fill ``dh_dt`` (size,): zero, where both bodies are the robot's."""
+        dh_dt[:] = 0.0
 
     def write_curvature(self, kin: Kinematics, curvature: Array) -> None:
         """See :meth:`safety.barriers.barrier.Barrier.write_curvature`."""
@@ -109,8 +109,8 @@ class SelfCollisionBarrier(ContactBarrier):
         indices = [(index[a], index[b]) for a, b in pairs]
         self._n_pairs = len(indices)
         rows = [(a, b, CLOSEST) for a, b in indices]
-        proper = [(a, b) for a, b in indices if bodies.proper[a] and bodies.proper[b]]
-        rows += [(a, b, end) for a, b in proper if ends for end in ENDS]
+        capsules = [(a, b) for a, b in indices if bodies.is_capsule[a] and bodies.is_capsule[b]]
+        rows += [(a, b, end) for a, b in capsules if ends for end in ENDS]
         self._table = np.array([(i, *row) for i, row in enumerate(rows)], dtype=np.intp).reshape(-1, 4)
         _, a, b, _ = self._table.T
         self._reach = bodies.radius[a] + bodies.radius[b]

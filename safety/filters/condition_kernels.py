@@ -81,12 +81,12 @@ def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, short: Array
     error_model="numpy",
     fastmath=ORDER_FREE,
 )
-def issf_demand(h: Array, drift: Array, jac: Array, alpha: Array, margin: Array, epsilon: Array) -> Array:
-    """What the ISSf condition asks of J_i v: alpha (margin - h) - drift + |J|^2 / epsilon, (n,), new; jac (n, nv)."""
+def issf_demand(h: Array, dh_dt: Array, jac: Array, alpha: Array, margin: Array, epsilon: Array) -> Array:
+    """What the ISSf condition asks of J_i v: alpha (margin - h) - dh_dt + |J|^2 / epsilon, (n,), new; jac (n, nv)."""
     out = np.empty(h.size)
     for i in range(h.size):
         squared = 0.0
         for k in range(jac.shape[1]):
             squared += jac[i, k] * jac[i, k]
-        out[i] = alpha[i] * (margin[i] - h[i]) - drift[i] + squared / epsilon[i]
+        out[i] = alpha[i] * (margin[i] - h[i]) - dh_dt[i] + squared / epsilon[i]
     return out

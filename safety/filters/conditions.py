@@ -202,7 +202,7 @@ def cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     Returns:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
-    b = parameters.alpha * (parameters.margin - rows.h) - rows.drift
+    b = parameters.alpha * (parameters.margin - rows.h) - rows.dh_dt
     return HalfSpaces(rows.jac, b, _all_active(rows.h.size))
 
 
@@ -221,7 +221,7 @@ def issf_cbf(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
         A (n, nv) is the rows' own ``jac``, b (n,) is new; every row active.
     """
     p = parameters
-    b = issf_demand(*packed(rows.h, rows.drift, rows.jac, p.alpha, p.margin, p.epsilon))
+    b = issf_demand(*packed(rows.h, rows.dh_dt, rows.jac, p.alpha, p.margin, p.epsilon))
     return HalfSpaces(rows.jac, b, _all_active(b.size))
 
 
@@ -258,7 +258,7 @@ def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     depth, width = parameters.margin - rows.h, parameters.layer
     layered = width > 0
     share = np.where(layered, np.minimum(depth / np.where(layered, width, 1.0), 1.0), 1.0)
-    return HalfSpaces(rows.jac, parameters.eta * share - rows.drift, (depth >= 0) | layered)
+    return HalfSpaces(rows.jac, parameters.eta * share - rows.dh_dt, (depth >= 0) | layered)
 
 
 def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
@@ -280,7 +280,7 @@ def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
         a layer.
     """
     depth = parameters.margin - rows.h
-    return HalfSpaces(rows.jac, parameters.slope * depth - rows.drift, (depth >= 0) | (parameters.layer > 0))
+    return HalfSpaces(rows.jac, parameters.slope * depth - rows.dh_dt, (depth >= 0) | (parameters.layer > 0))
 
 
 def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
@@ -308,4 +308,4 @@ def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     if depth.size:
         worst = int(depth.argmax())
         active[worst] = depth[worst] >= 0
-    return HalfSpaces(rows.jac, -rows.drift, active)
+    return HalfSpaces(rows.jac, -rows.dh_dt, active)

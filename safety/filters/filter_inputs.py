@@ -26,8 +26,8 @@ def wrong_shape(
     if rows.jac.shape != (n, nv):
         return _words("jac of the barrier rows", rows.jac, f"({n}, {nv})")
     line, vector = (n,), (nv,)
-    if not rows.h.shape == rows.drift.shape == rows.family.shape == line or _differs(rows.curvature, line):
-        for name in ("h", "drift", "family", "curvature"):
+    if not rows.h.shape == rows.dh_dt.shape == rows.family.shape == line or _differs(rows.curvature, line):
+        for name in ("h", "dh_dt", "family", "curvature"):
             if _differs(array := getattr(rows, name), line):
                 return _words(f"{name} of the barrier rows", array, f"({n},)")
     if nominal.shape != vector:
@@ -51,7 +51,7 @@ def not_finite(order: int, rows: BarrierRows, nominal: Array, velocity: Array | 
     """
     if not all_finite(nominal):
         return f"nominal {'velocity' if order == 1 else 'acceleration'} is not finite"
-    if not all_numbers(rows.h, rows.drift, rows.jac):
+    if not all_numbers(rows.h, rows.dh_dt, rows.jac):
         return "barrier rows are not finite"
     if order == 1:
         return ""

@@ -17,13 +17,13 @@ from wbc.qp import UNBOUNDED
     fastmath=ORDER_FREE,
 )
 def survey(
-    h: Array, drift: Array, A: Array, b: Array, v: Array, lower: Array, upper: Array, violated: Mask
+    h: Array, dh_dt: Array, A: Array, b: Array, v: Array, lower: Array, upper: Array, violated: Mask
 ) -> tuple[float, float]:
     """One pass over conditions A v >= b and what they were made of, at the nominal input.
 
     Args:
         h: shape (n,) values of the rows.
-        drift: shape (n,) their drift.
+        dh_dt: shape (n,) their rate from what moves by itself.
         A: shape (n, nv).
         b: shape (n,).
         v: shape (nv,) nominal input.
@@ -46,7 +46,7 @@ def survey(
         for k in range(nv):
             value += A[i, k] * v[k]
             size += A[i, k] * A[i, k]
-        total += size + h[i] + drift[i] + b[i] * b[i]
+        total += size + h[i] + dh_dt[i] + b[i] * b[i]
         if b[i] >= UNBOUNDED:
             total = math.inf
         value -= b[i]
@@ -66,7 +66,7 @@ def survey(
 )
 def ease(
     h: Array,
-    drift: Array,
+    dh_dt: Array,
     lost: Mask,
     A: Array,
     b: Array,
@@ -83,7 +83,7 @@ def ease(
 
     Args:
         h: shape (n,) values of the rows.
-        drift: shape (n,) their drift.
+        dh_dt: shape (n,) their rate from what moves by itself.
         lost: shape (n,) which are lost.
         A: shape (n, nv).
         b: shape (n,).
@@ -104,10 +104,10 @@ def ease(
         reached = acceleration[i] * dt
         for k in range(last.size):
             reached += A[i, k] * last[k]
-        resting = max(reached, -drift[i])
+        resting = max(reached, -dh_dt[i])
         if lost[i]:
             theta[i] = min(1.0, -h[i] / depth[i])
-            bounded = min(max(b[i], theta[i] * speed[i] - drift[i]), at_zero[i] + speed[i])
+            bounded = min(max(b[i], theta[i] * speed[i] - dh_dt[i]), at_zero[i] + speed[i])
             out[i] = (1.0 - theta[i]) * min(bounded, resting) + theta[i] * min(bounded, reached)
         else:
             theta[i] = 0.0

@@ -29,7 +29,7 @@ CONDITIONS = ("cbf", "issf")
 
 
 @dataclass(frozen=True, slots=True)
-class Promise:
+class SafetyBound:
     """What one condition promises for one constraint family.
 
     Where the family has a margin d_min, everything holds for h - d_min in place of h.
@@ -240,9 +240,9 @@ class RowBound:
 
     .. math:: \dot b_i = -\alpha b_i + \|J_i\|^2/\varepsilon + J_i d, \quad b_i(0) = h_i(0)
 
-    (as in :meth:`Promise.row_forcing`). It says how much of the margin that the condition keeps the disturbance takes.
-    What separates h from it is that the condition was not active. Unlike the other bounds it gives nothing away, so
-    the period for which the filter holds its velocity shows: h may lie below it by what that amounts to.
+    (as in :meth:`SafetyBound.row_forcing`). It says how much of the margin that the condition keeps the disturbance
+    takes. What separates h from it is that the condition was not active. Unlike the other bounds it gives nothing away,
+    so the period for which the filter holds its velocity shows: h may lie below it by what that amounts to.
 
     Args:
         promise: of the family.
@@ -252,7 +252,7 @@ class RowBound:
         ConfigError: a value is not allowed.
     """
 
-    def __init__(self, promise: Promise, dt: float) -> None:
+    def __init__(self, promise: SafetyBound, dt: float) -> None:
         require_positive("dt", dt)
         self._promise = promise
         self._keep, self._gain = _weights(promise.parameters.alpha, dt)
@@ -277,8 +277,8 @@ class RowBound:
         return float(self._b[h.argmin()]) if h.size else math.nan
 
 
-def promises(condition: str, parameters: BarrierParameters) -> dict[str, Promise]:
+def safety_bounds(condition: str, parameters: BarrierParameters) -> dict[str, SafetyBound]:
     """What a filter promises, by constraint family; empty for a condition that promises no bound."""
     if condition not in CONDITIONS:
         return {}
-    return {family: Promise(condition, getattr(parameters, family)) for family in FAMILIES}
+    return {family: SafetyBound(condition, getattr(parameters, family)) for family in FAMILIES}

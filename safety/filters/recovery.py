@@ -187,9 +187,9 @@ class Recovery:
         if any_lost := bool(lost.any()):
             at_zero = condition(replace(rows, h=np.maximum(rows.h, 0.0)), parameters).b
         theta, b = np.empty(lost.size), np.empty(lost.size)
-        h, drift, A, asked, at_zero, last = packed(rows.h, rows.drift, spaces.A, spaces.b, at_zero, self._last)
+        h, dh_dt, A, asked, at_zero, last = packed(rows.h, rows.dh_dt, spaces.A, spaces.b, at_zero, self._last)
         bounds = parameters.recovery_depth, parameters.recovery_speed, parameters.recovery_acceleration
-        self._held_back = ease(h, drift, lost, A, asked, at_zero, last, *bounds, self._dt, theta, b)
+        self._held_back = ease(h, dh_dt, lost, A, asked, at_zero, last, *bounds, self._dt, theta, b)
         if any_lost:
             v = self._compromise(A, b, lost, theta, nominal, metric(), limit)
             b[lost] = np.minimum(b, A @ (self._last if v is None else v) - ROUNDING)[lost]

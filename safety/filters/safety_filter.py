@@ -279,7 +279,7 @@ class SafetyFilter:
             lower, upper = acceleration_bounds(self._limit, velocity, s.velocity_max, s.dt)
         spaces = self._conditions.spaces(rows, velocity if s.order == 2 else None, parameters)
         violated = np.empty(self._n_rows, dtype=bool)
-        parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
+        parts = packed(rows.h, rows.dh_dt, spaces.A, spaces.b, v_des)
         total, room = survey(*parts, lower, upper, violated)
         if not math.isfinite(total) or spaces.A is not rows.jac:
             if cause := not_finite(s.order, rows, v_des, velocity):
@@ -288,7 +288,7 @@ class SafetyFilter:
         asked, eased = spaces, None if cause else self._ease(rows, spaces, v_des, jacobians, parameters)
         if eased is not None:
             spaces, v_des = eased.spaces, eased.v_des
-            parts = packed(rows.h, rows.drift, spaces.A, spaces.b, v_des)
+            parts = packed(rows.h, rows.dh_dt, spaces.A, spaces.b, v_des)
             survey(*parts, lower, upper, violated)
         elif not cause and room >= 0.0 and not self._acts_when_met(spaces):
             if room >= FAR:

@@ -36,12 +36,12 @@ def index_rows(rows: BarrierRows, v: Array, parameters: RowParameters) -> Barrie
         ValueError: the rows have no curvature.
     """
     curvature = _curvature(rows)
-    rate = room(rows.jac, v, -rows.drift)
+    rate = room(rows.jac, v, -rows.dh_dt)
     k, n = parameters.index_gain, parameters.index_power
     size = np.abs(rows.h)
     h = np.sign(rows.h) * size**n - parameters.margin**n + k * rate
-    drift = n * size ** (n - 1) * rate + k * curvature
-    return BarrierRows(h, k[:, None] * rows.jac, drift, rows.family, None, rows.cartesian)
+    dh_dt = n * size ** (n - 1) * rate + k * curvature
+    return BarrierRows(h, k[:, None] * rows.jac, dh_dt, rows.family, None, rows.cartesian)
 
 
 def ecbf_rows(rows: BarrierRows, v: Array, parameters: RowParameters) -> BarrierRows:
@@ -63,7 +63,7 @@ def ecbf_rows(rows: BarrierRows, v: Array, parameters: RowParameters) -> Barrier
         ValueError: the rows have no curvature.
     """
     curvature = _curvature(rows)
-    rate = room(rows.jac, v, -rows.drift)
+    rate = room(rows.jac, v, -rows.dh_dt)
     h = rate + parameters.alpha * (rows.h - parameters.margin)
     return BarrierRows(h, rows.jac, curvature + parameters.alpha * rate, rows.family, None, rows.cartesian)
 

@@ -1,4 +1,4 @@
-"""Compiled rows: from contacts (:mod:`safety.geometry.segments`) to gradients, drift and second derivatives."""
+"""Compiled rows: from contacts (:mod:`safety.geometry.segments`) to gradients, dh/dt and second derivatives."""
 
 import math
 
@@ -15,19 +15,19 @@ ALIGNED = 1e-12
 """Free directions whose Gram determinant is below this count as one: points slide the same along either."""
 
 
-def all_numbers(h: Array, drift: Array, jac: Array) -> bool:
-    """Whether all numbers of barrier rows are finite: h (n,), drift (n,), jac (n, nv)."""
-    return math.isfinite(_total(*packed(h, drift, jac)))
+def all_numbers(h: Array, dh_dt: Array, jac: Array) -> bool:
+    """Whether all numbers of barrier rows are finite: h (n,), dh_dt (n,), jac (n, nv)."""
+    return math.isfinite(_total(*packed(h, dh_dt, jac)))
 
 
 @njit(types.float64(VECTOR, VECTOR, MATRIX), cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _total(h: Array, drift: Array, jac: Array) -> float:
+def _total(h: Array, dh_dt: Array, jac: Array) -> float:
     """Sum of all: not finite where one of them is not."""
     out = 0.0
     for i in range(h.size):
         out += h[i]
-    for i in range(drift.size):
-        out += drift[i]
+    for i in range(dh_dt.size):
+        out += dh_dt[i]
     for x in jac.flat:
         out += x
     return out
@@ -68,8 +68,8 @@ def obstacle_motion(
         reach: shape (n,) sum of the radii [m], written.
         twists: shape (n_obstacles, 6) velocity of the body-fixed point at the world's origin [m/s], then angular
             velocity [rad/s], written.
-        rates: shape (n_obstacles, 6) their rates where reference points keep their velocity and all keep their spin,
-            written.
+        rates: shape (n_obstacles, 6) their rates where reference points keep their velocity, and all
+            their angular velocity, written.
     """
     for i in range(reach.size):
         reach[i] = radius[i] + packed[obstacles[i], 18]
@@ -117,17 +117,17 @@ def contact_gradients(
 
 
 @njit(cache=True, error_model="numpy")
-def contact_drift(contacts: Array, bodies: Indices, twists: Array, drift: Array) -> None:
-    """Rate of the signed distance from the second bodies' own motion: writes ``drift`` (n,) [m/s].
+def contact_dh_dt(contacts: Array, bodies: Indices, twists: Array, dh_dt: Array) -> None:
+    """Rate of the signed distance from the second bodies' own motion: writes ``dh_dt`` (n,) [m/s].
 
     ``bodies`` (n,) index the rows of ``twists`` (nb, 6): velocity of the body-fixed point at the world's origin [m/s],
     then angular velocity [rad/s].
     """
-    for i in range(drift.size):
+    for i in range(dh_dt.size):
         p, n, w = contacts[i, :3], contacts[i, 3:6], twists[bodies[i]]
         linear = n[0] * w[0] + n[1] * w[1] + n[2] * w[2]
         m0, m1, m2 = p[1] * n[2] - p[2] * n[1], p[2] * n[0] - p[0] * n[2], p[0] * n[1] - p[1] * n[0]
-        drift[i] = -(linear + m0 * w[3] + m1 * w[4] + m2 * w[5])
+        dh_dt[i] = -(linear + m0 * w[3] + m1 * w[4] + m2 * w[5])
 
 
 @njit(cache=True, error_model="numpy")
@@ -199,9 +199,9 @@ def contact_curvature(
             owner = contacts[i, 13 + k]
             if owner != 0.0:
                 u = contacts[i, 7 + 3 * k : 10 + 3 * k]
-                spin = twist_a[3:] if owner > 0.0 else twist_b[3:]
+                angular_velocity = twist_a[3:] if owner > 0.0 else twist_b[3:]
                 beta[k] = u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
-                kappa[k] = _spin_across(spin, u, n)
+                kappa[k] = _spin_across(angular_velocity, u, n)
                 free = k + 1
         normal_speed = n[0] * v[0] + n[1] * v[1] + n[2] * v[2]
         across = v[0] * v[0] + v[1] * v[1] + v[2] * v[2] - normal_speed * normal_speed

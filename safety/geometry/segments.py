@@ -1,7 +1,7 @@
 """Closest features of the robot's segments against segments, planes and points, many pairs in one compiled call.
 
 Every pair of features is written as one row of a *contact* array, which :mod:`safety.geometry.contact_rows` turns into
-gradients, drift and curvature. A contact holds ``CONTACT_SIZE`` numbers, lengths in m, world axes:
+gradients, dh/dt and curvature. A contact holds ``CONTACT_SIZE`` numbers, lengths in m, world axes:
 
 ========  ==================================================================================================
 0 to 2    point p_A on the first body's centre line

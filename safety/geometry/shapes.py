@@ -23,7 +23,7 @@ PARTS: dict[str, tuple[slice, tuple[int, ...]]] = {
     "rotation": (slice(6, 15), (3, 3)),
     "half_sizes": (slice(15, 18), (3,)),
     "velocity": (slice(19, 22), (3,)),
-    "spin": (slice(22, 25), (3,)),
+    "angular_velocity": (slice(22, 25), (3,)),
 }
 """Place and shape of each array in :attr:`Obstacle.packed`."""
 
@@ -51,7 +51,7 @@ class Obstacle:
         half_sizes: shape (3,) of a box along its axes, above 0 [m]; zero for the others.
         radius: of a sphere or capsule, above 0 [m]; zero for the others.
         velocity: shape (3,) of the reference point, as a point fixed to the obstacle [m/s].
-        spin: shape (3,) angular velocity, world axes [rad/s].
+        angular_velocity: shape (3,) angular velocity, world axes [rad/s].
         packed: shape (``PACKED_SIZE``,) all numbers in the order above.
 
     All arrays are read-only: an obstacle elsewhere is another one, see :meth:`after` and :func:`dataclasses.replace`.
@@ -68,7 +68,7 @@ class Obstacle:
     half_sizes: Array = field(default_factory=lambda: ZERO)
     radius: float = 0.0
     velocity: Array = field(default_factory=lambda: ZERO)
-    spin: Array = field(default_factory=lambda: ZERO)
+    angular_velocity: Array = field(default_factory=lambda: ZERO)
     packed: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
@@ -114,12 +114,19 @@ class Obstacle:
 
     @staticmethod
     def capsule(
-        start: Array, end: Array, radius: float, velocity: Array | None = None, spin: Array | None = None
+        start: Array, end: Array, radius: float, velocity: Array | None = None, angular_velocity: Array | None = None
     ) -> "Obstacle":
         """A capsule about the line from ``start`` to ``end`` (3,) [m]; ``velocity`` is that of ``start``."""
         start = _finite("start", start, (3,))
         direction = _finite("end", end, (3,)) - start
-        return Obstacle("capsule", start, direction, radius=radius, velocity=_given(velocity), spin=_given(spin))
+        return Obstacle(
+            "capsule",
+            start,
+            direction,
+            radius=radius,
+            velocity=_given(velocity),
+            angular_velocity=_given(angular_velocity),
+        )
 
     @staticmethod
     def box(
@@ -127,17 +134,26 @@ class Obstacle:
         rotation: Array,
         half_sizes: Array,
         velocity: Array | None = None,
-        spin: Array | None = None,
+        angular_velocity: Array | None = None,
     ) -> "Obstacle":
         """A box about ``center`` (3,) with axes in the columns of ``rotation`` (3, 3), ``half_sizes`` (3,) [m]."""
         return Obstacle(
-            "box", center, rotation=rotation, half_sizes=half_sizes, velocity=_given(velocity), spin=_given(spin)
+            "box",
+            center,
+            rotation=rotation,
+            half_sizes=half_sizes,
+            velocity=_given(velocity),
+            angular_velocity=_given(angular_velocity),
         )
 
     @staticmethod
-    def half_space(point: Array, normal: Array, velocity: Array | None = None, spin: Array | None = None) -> "Obstacle":
+    def half_space(
+        point: Array, normal: Array, velocity: Array | None = None, angular_velocity: Array | None = None
+    ) -> "Obstacle":
         """All that is behind the plane through ``point`` (3,) [m]; the robot stays where ``normal`` (3,) points."""
-        return Obstacle("half_space", point, normal, velocity=_given(velocity), spin=_given(spin))
+        return Obstacle(
+            "half_space", point, normal, velocity=_given(velocity), angular_velocity=_given(angular_velocity)
+        )
 
     @property
     def end(self) -> Array:
@@ -146,7 +162,7 @@ class Obstacle:
 
     def at_rest(self) -> "Obstacle":
         """The same obstacle where it is, not moving."""
-        return replace(self, velocity=np.zeros(3), spin=np.zeros(3))
+        return replace(self, velocity=np.zeros(3), angular_velocity=np.zeros(3))
 
     def enlarged(self, margin: float) -> "Obstacle":
         """The same obstacle with its surface ``margin`` [m] further out, 0 or above; edges of a box stay sharp."""
@@ -171,8 +187,8 @@ class Obstacle:
         return math.hypot(*offset) - size
 
     def after(self, duration: float) -> "Obstacle":
-        """The obstacle ``duration`` [s] later, its velocity and spin constant."""
-        turn = pin.exp3(self.spin * duration)
+        """The obstacle ``duration`` [s] later, its velocity and angular velocity constant."""
+        turn = pin.exp3(self.angular_velocity * duration)
         position = self.position + duration * self.velocity
         return replace(self, position=position, direction=turn @ self.direction, rotation=turn @ self.rotation)
 

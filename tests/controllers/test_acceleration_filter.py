@@ -58,7 +58,7 @@ def exponential_barrier(kin: Kinematics, q: Array, v: Array, alpha: Array) -> Ar
     """h_e = h_dot + alpha h of every row, eq. (54) of Lee et al., from first-order quantities only."""
     kin.update_geometry(q)
     rows = standard_barriers(kin).evaluate(kin)
-    return rows.jac @ v + rows.drift + alpha * rows.h
+    return rows.jac @ v + rows.dh_dt + alpha * rows.h
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -281,9 +281,9 @@ def test_walking_changes_what_its_table_says_and_leaves_the_other_weights() -> N
     robot = _with_tuning(robot, dict(robot.tuning) | {"walking": own})
     base, config = controller_config(robot), controller_config(robot, **walking_changes(robot))
     assert config.dynwbc == dataclasses.replace(base.dynwbc, force=3e-4, moment=2e-3)
-    assert config.balance == dataclasses.replace(base.balance, load_time=0.7)
+    assert config.balance == dataclasses.replace(base.balance, mass_time_constant=0.7)
     assert (config.gain_scale, config.compensate_bias) == (0.75, True)
-    assert walking_changes(robot, load_estimate=False)["balance"].load_time == 0.0
+    assert walking_changes(robot, load_estimate=False)["balance"].mass_time_constant == 0.0
 
 
 def _with_tuning(robot: RobotDescription, tuning: dict[str, Any]) -> RobotDescription:

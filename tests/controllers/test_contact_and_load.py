@@ -9,7 +9,7 @@ import pytest
 from controllers.gaits.contact_detection import ContactDetector
 from controllers.reference import reference_here
 from controllers.whole_body.controller import WholeBodyController
-from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, LoadEstimator
+from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, MassEstimator
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -25,7 +25,7 @@ def test_a_foot_touches_after_two_ticks_above_the_threshold() -> None:
 
 
 def test_the_estimate_goes_to_the_ratio_of_the_weights() -> None:
-    load = LoadEstimator(30.0, 0.5)
+    load = MassEstimator(30.0, 0.5)
     dt = 0.002
     for _ in range(round(0.5 / dt)):
         load.update(np.array([100.0, 36.0 * GRAVITY - 100.0]), dt)
@@ -38,7 +38,7 @@ def test_the_estimate_goes_to_the_ratio_of_the_weights() -> None:
 
 @pytest.mark.parametrize(("force", "bound"), [(0.0, LIGHTEST), (1e5, HEAVIEST)])
 def test_the_estimate_stays_in_its_bounds(force: float, bound: float) -> None:
-    load = LoadEstimator(30.0, 0.1)
+    load = MassEstimator(30.0, 0.1)
     for _ in range(3000):
         load.update(np.array([force, force]), 0.002)
         assert LIGHTEST <= load.scale <= HEAVIEST
@@ -47,16 +47,16 @@ def test_the_estimate_stays_in_its_bounds(force: float, bound: float) -> None:
 
 def test_settings_are_checked() -> None:
     with pytest.raises(ConfigError, match="mass"):
-        LoadEstimator(0.0, 1.0)
+        MassEstimator(0.0, 1.0)
     with pytest.raises(ConfigError, match="time constant"):
-        LoadEstimator(30.0, float("nan"))
+        MassEstimator(30.0, float("nan"))
     with pytest.raises(ConfigError, match="threshold"):
         ContactDetector(-1.0)
 
 
 def test_the_load_estimate_survives_forces_that_are_not_numbers(robot: RobotDescription) -> None:
     config = controller_config(robot)
-    balance = replace(config.balance, load_time=1.0)
+    balance = replace(config.balance, mass_time_constant=1.0)
     controller = WholeBodyController(robot, replace(config, balance=balance), with_hands=False)
     state = at_rest(robot)
     controller.reset(state)

@@ -176,7 +176,9 @@ def passing_capsule(t: float) -> Obstacle:
     """Far enough not to matter, moving and turning."""
     start = np.array([3.0 - 0.4 * t, 0.5 * t, 1.0])
     end = start + np.array([0.0, 0.2 + 0.1 * t, 0.3])
-    return Obstacle.capsule(start, end, 0.1, velocity=np.array([-0.4, 0.5, 0.0]), spin=np.array([0.1, 0.0, 0.7]))
+    return Obstacle.capsule(
+        start, end, 0.1, velocity=np.array([-0.4, 0.5, 0.0]), angular_velocity=np.array([0.1, 0.0, 0.7])
+    )
 
 
 # --- what the controller refuses

@@ -43,7 +43,7 @@ def test_the_measured_dcm_is_that_of_a_pendulum_as_high_as_the_com(robot: RobotD
 
 
 def test_the_com_accelerates_as_the_pendulum_does(robot: RobotDescription) -> None:
-    """Horizontal acceleration of eq. (15), drift included: omega^2 (c - p), p the DCM feedback's ZMP in the soles."""
+    """Horizontal acceleration of eq. (15), bias included: omega^2 (c - p), p the DCM feedback's ZMP in the soles."""
     rng = np.random.default_rng(3)
     config = controller_config(robot, filter="none", compensate_bias=True)
     controller = WholeBodyController(robot, config, with_hands=False)
@@ -63,7 +63,7 @@ def test_the_com_accelerates_as_the_pendulum_does(robot: RobotDescription) -> No
         xi = kin.com[:2] + kin.com_velocity[:2] / dcm.omega
         zmp = xi - dcm.velocity / dcm.omega + config.balance.dcm_gain / dcm.omega * (xi - dcm.position)
         acceleration = controller.dynwbc.acceleration_reference(result.safety.v, velocity, config.dt)
-        actual = (kin.com_jacobian @ acceleration + kin.com_drift)[:2]
+        actual = (kin.com_jacobian @ acceleration + kin.com_bias_acceleration)[:2]
         if not clipped:
             np.testing.assert_allclose(actual, dcm.omega**2 * (kin.com[:2] - zmp), rtol=0, atol=1e-6)
         used = kin.com[:2] - actual / dcm.omega**2

@@ -488,7 +488,7 @@ def test_the_load_follows_the_forces_under_the_feet_and_stays_where_they_are_not
 ) -> None:
     """1.2 times the weight, then no measurement: model and wrench reference are scaled by what was found last."""
     weight = robot.total_mass * 9.81
-    case = Case(robot, filter="none", balance=BalanceTuning(load_time=0.5))
+    case = Case(robot, filter="none", balance=BalanceTuning(mass_time_constant=0.5))
     spy = spy_on_dynwbc(case, monkeypatch)
     case.tick()
     light = force_of(case, spy.seen["wrench"])

@@ -52,7 +52,7 @@ def test_a_scene_keeps_to_its_kinds_speeds_and_spins_and_to_its_seed(scene: Scen
         for o in obstacles:
             assert low * (1 - 1e-12) <= np.linalg.norm(o.velocity) <= high * (1 + 1e-12)
             if o.kind != "sphere":
-                assert np.linalg.norm(o.spin) == pytest.approx(scene.spin)
+                assert np.linalg.norm(o.angular_velocity) == pytest.approx(scene.angular_velocity)
     again = played(scene, 30)
     for a, b in zip(played(scene, 30), again, strict=True):
         assert all(np.array_equal(x.packed, y.packed) for x, y in zip(a, b, strict=True))
@@ -64,7 +64,7 @@ def test_between_two_draws_obstacles_move_as_they_say(scene: Scene) -> None:
     for before, now in pairwise(played(scene, 3 * scene.every)):
         for a, b in zip(before, now, strict=True):
             if np.array_equal(a.velocity, b.velocity) and np.array_equal(a.half_sizes, b.half_sizes):
-                expected = a.after(DT) if scene.speed[1] or scene.spin else a
+                expected = a.after(DT) if scene.speed[1] or scene.angular_velocity else a
                 same = np.allclose(b.packed, expected.packed, rtol=1e-9, atol=1e-9)
                 kept += same
                 drawn += not same
@@ -195,7 +195,7 @@ def test_bodies_are_ordered_by_distance_and_those_that_stand_still_are_last(g1: 
     kin.update(standing_configuration(g1), np.zeros(kin.nv))
     bodies = CollisionBodies(kin)
     bodies.place(kin)
-    bodies.carried = np.arange(len(bodies.names)) != 3
+    bodies.is_movable = np.arange(len(bodies.names)) != 3
     order = nearest_bodies(bodies, np.zeros(3))
     assert order[-1] == 3
     assert (np.diff(np.linalg.norm(bodies.origin[order[:-1]], axis=1)) >= 0).all()

@@ -48,12 +48,12 @@ def ssa_violation(problem: Problem, rows: BarrierRows, self_margin: float) -> fl
     """That of eta = 0.5 on the rows inside margins of 0.05 m, 0.02 m for the workspace, written out anew."""
     margin = np.select([rows.family == OBSTACLE, rows.family == WORKSPACE], [0.05, 0.02], self_margin)
     inside = rows.h <= margin
-    return least_violation(rows.jac[inside], 0.5 - rows.drift[inside], problem.v_max)
+    return least_violation(rows.jac[inside], 0.5 - rows.dh_dt[inside], problem.v_max)
 
 
 def cbf_violation(problem: Problem, rows: BarrierRows) -> float:
     """That of alpha = 5, without a margin, written out anew."""
-    return least_violation(rows.jac, -5.0 * rows.h - rows.drift, problem.v_max)
+    return least_violation(rows.jac, -5.0 * rows.h - rows.dh_dt, problem.v_max)
 
 
 # --- what is recorded

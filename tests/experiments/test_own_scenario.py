@@ -53,11 +53,11 @@ class Ceiling(Barrier):
     def labels(self):
         return ("ceiling",)
 
-    def write(self, kin, h, jac, drift):
+    def write(self, kin, h, jac, dh_dt):
         h[0] = self.height - kin.q[2]
         jac[0] = 0.0
         jac[0, :3] = -kin.frame_placement(kin.frame_id(kin.robot.roles["base"]))[0][2]
-        drift[0] = 0.0
+        dh_dt[0] = 0.0
 
 
 @dataclass(frozen=True)

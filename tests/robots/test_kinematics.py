@@ -112,29 +112,29 @@ def test_com_velocity_is_the_derivative_of_the_com(kin: Kinematics) -> None:
 
 def test_drifts_are_the_rates_of_velocities_at_constant_rates(kin: Kinematics) -> None:
     """Central differences of CoM and frame velocities along v, whose components are kept."""
-    kin.update_drift()
+    kin.update_bias_acceleration()
     ends = [Kinematics(kin.robot), Kinematics(kin.robot)]
     for other, step in zip(ends, (-STEP, STEP), strict=True):
         other.update(kin.integrate(kin.q, kin.v, step), kin.v)
     difference = (ends[1].com_velocity - ends[0].com_velocity) / (2 * STEP)
-    np.testing.assert_allclose(kin.com_drift, difference, rtol=0, atol=1e-7)
+    np.testing.assert_allclose(kin.com_bias_acceleration, difference, rtol=0, atol=1e-7)
     assert np.linalg.norm(difference) > 0.1
     for role in ("left_sole", "right_sole", "left_hand", "torso", "base"):
         i = kin.frame_id(kin.robot.roles[role])
         difference = (ends[1].frame_velocity(i) - ends[0].frame_velocity(i)) / (2 * STEP)
-        np.testing.assert_allclose(kin.frame_drift(i), difference, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(kin.frame_bias_acceleration(i), difference, rtol=0, atol=1e-6)
 
 
 def test_drifts_vanish_at_rest_and_follow_the_last_update(kin: Kinematics) -> None:
-    kin.update_drift()
-    moving = kin.com_drift.copy()
+    kin.update_bias_acceleration()
+    moving = kin.com_bias_acceleration.copy()
     kin.update(kin.q, np.zeros(kin.nv))
-    kin.update_drift()
-    np.testing.assert_allclose(kin.com_drift, 0.0, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(kin.frame_drift(kin.frame_id("torso")), 0.0, rtol=0, atol=1e-12)
+    kin.update_bias_acceleration()
+    np.testing.assert_allclose(kin.com_bias_acceleration, 0.0, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(kin.frame_bias_acceleration(kin.frame_id("torso")), 0.0, rtol=0, atol=1e-12)
     kin.update(*random_state(kin, 2))
-    kin.update_drift()
-    np.testing.assert_allclose(kin.com_drift, moving, rtol=0, atol=1e-12)
+    kin.update_bias_acceleration()
+    np.testing.assert_allclose(kin.com_bias_acceleration, moving, rtol=0, atol=1e-12)
 
 
 def test_drifts_leave_everything_else_as_it_was(kin: Kinematics) -> None:
@@ -142,7 +142,7 @@ def test_drifts_leave_everything_else_as_it_was(kin: Kinematics) -> None:
     kin.update_second_order()
     names = (*VIEWS, "joint_velocities", "joint_accelerations")
     before = [getattr(kin, name).copy() for name in names]
-    kin.update_drift()
+    kin.update_bias_acceleration()
     kin.update_second_order()
     for name, value in zip(names, before, strict=True):
         np.testing.assert_allclose(getattr(kin, name), value, rtol=0, atol=1e-11, err_msg=name)

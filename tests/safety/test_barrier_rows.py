@@ -1,4 +1,4 @@
-"""Barrier rows of both robots: gradients and drift against differences, the paper's formulas, symmetries, order."""
+"""Barrier rows of both robots: gradients and dh_dt against differences, the paper's formulas, symmetries, order."""
 
 from dataclasses import replace
 
@@ -91,13 +91,13 @@ def test_every_gradient_is_the_central_difference(kin: Kinematics, barriers: Bar
 
 def test_drift_is_the_rate_of_h_with_the_robot_frozen(kin: Kinematics, barriers: BarrierSet, state: State) -> None:
     q, obstacles = state
-    drift = rows_at(barriers, kin, q, obstacles).drift
+    dh_dt = rows_at(barriers, kin, q, obstacles).dh_dt
     ahead = rows_at(barriers, kin, q, [o.after(STEP) for o in obstacles]).h
     behind = rows_at(barriers, kin, q, [o.after(-STEP) for o in obstacles]).h
-    np.testing.assert_allclose(drift, (ahead - behind) / (2 * STEP), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(dh_dt, (ahead - behind) / (2 * STEP), rtol=0, atol=1e-6)
     cut = barriers.slices["obstacle"]
-    assert (np.abs(drift[cut]) > 0).all()
-    assert not np.delete(drift, np.arange(cut.start, cut.stop)).any()
+    assert (np.abs(dh_dt[cut]) > 0).all()
+    assert not np.delete(dh_dt, np.arange(cut.start, cut.stop)).any()
 
 
 def test_robot_and_obstacles_moving_together_change_nothing(
@@ -106,18 +106,25 @@ def test_robot_and_obstacles_moving_together_change_nothing(
     q, obstacles = state
     rng = np.random.default_rng(0)
     linear, angular = rng.normal(size=(2, 3))
-    together = [replace(o, velocity=linear + np.cross(angular, o.position), spin=angular) for o in obstacles]
+    together = [
+        replace(o, velocity=linear + np.cross(angular, o.position), angular_velocity=angular) for o in obstacles
+    ]
     rows = rows_at(barriers, kin, q, together)
     rotation = pin.Quaternion(q[3:7]).matrix()
     v = np.zeros(kin.nv)
     v[:3], v[3:6] = rotation.T @ (linear + np.cross(angular, q[:3])), rotation.T @ angular
-    np.testing.assert_allclose(rows.jac @ v + rows.drift, 0.0, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(rows.jac @ v + rows.dh_dt, 0.0, rtol=0, atol=1e-11)
 
 
 def moved_with_the_world(o: Obstacle, motion: pin.SE3) -> Obstacle:
     turn = motion.rotation
-    linear, angular = turn @ o.velocity, turn @ o.spin
-    place = {"direction": turn @ o.direction, "rotation": turn @ o.rotation, "velocity": linear, "spin": angular}
+    linear, angular = turn @ o.velocity, turn @ o.angular_velocity
+    place = {
+        "direction": turn @ o.direction,
+        "rotation": turn @ o.rotation,
+        "velocity": linear,
+        "angular_velocity": angular,
+    }
     return replace(o, position=motion.act(o.position), **place)
 
 
@@ -131,7 +138,7 @@ def test_rows_do_not_depend_on_the_worlds_frame(kin: Kinematics, barriers: Barri
     other = rows_at(barriers, kin, moved_q, moved)
     np.testing.assert_allclose(other.h, rows.h, rtol=0, atol=1e-12)
     np.testing.assert_allclose(other.jac, rows.jac, rtol=0, atol=1e-10)
-    np.testing.assert_allclose(other.drift, rows.drift, rtol=0, atol=1e-10)
+    np.testing.assert_allclose(other.dh_dt, rows.dh_dt, rtol=0, atol=1e-10)
 
 
 def test_the_base_moves_no_family_but_obstacles(kin: Kinematics, barriers: BarrierSet, state: State) -> None:
@@ -263,7 +270,7 @@ def test_obstacles_may_concern_some_bodies_only(kin: Kinematics, barriers: Barri
     rows = few.evaluate(kin)
     pick = [barriers.labels.index(label) for label in few.labels]
     assert few.size == sum(n.startswith(tuple(f"{c} - obstacle" for c in chosen)) for n in barriers.labels)
-    for part in ("h", "jac", "drift"):
+    for part in ("h", "jac", "dh_dt"):
         np.testing.assert_array_equal(getattr(rows, part), getattr(everything, part)[pick])
 
 
@@ -299,8 +306,8 @@ class FloorOfTheBase(Barrier):
 
     family, size = "custom", 1
 
-    def write(self, kin: Kinematics, h: Array, jac: Array, drift: Array) -> None:
-        h[0], drift[0] = kin.q[2], 0.0
+    def write(self, kin: Kinematics, h: Array, jac: Array, dh_dt: Array) -> None:
+        h[0], dh_dt[0] = kin.q[2], 0.0
         jac[0] = 0.0
         jac[0, :3] = kin.frame_placement(kin.frame_id(kin.robot.roles["base"]))[0][2]
 
@@ -355,7 +362,7 @@ def test_permuting_obstacles_permutes_rows(kin: Kinematics, state: State) -> Non
         head, mark, tail = label.partition("obstacle ")
         renamed.append(f"{head}{mark}{order[int(tail[0])]}{tail[1:]}" if mark else label)
     pick = [first.labels.index(label) for label in renamed]
-    for part in ("h", "jac", "drift", "family"):
+    for part in ("h", "jac", "dh_dt", "family"):
         np.testing.assert_array_equal(getattr(permuted, part), getattr(rows, part)[pick])
 
 

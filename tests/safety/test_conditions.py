@@ -47,8 +47,8 @@ def rows() -> BarrierRows:
 def expected_bounds(rows: BarrierRows, margin: bool) -> Array:
     """Right-hand sides by the formulas, one row at a time."""
     b = []
-    for h, jac, drift, f in zip(rows.h, rows.jac, rows.drift, rows.family, strict=True):
-        b.append(-ALPHAS[f] * h - drift + (sum(x * x for x in jac) / EPSILONS[f] if margin else 0.0))
+    for h, jac, dh_dt, f in zip(rows.h, rows.jac, rows.dh_dt, rows.family, strict=True):
+        b.append(-ALPHAS[f] * h - dh_dt + (sum(x * x for x in jac) / EPSILONS[f] if margin else 0.0))
     return np.array(b)
 
 
@@ -91,11 +91,11 @@ def test_issf_demands_more_than_cbf_and_less_as_epsilon_grows(rows: BarrierRows)
 
 @pytest.mark.parametrize("condition", ALL)
 def test_conditions_leave_the_rows_alone(condition: object, rows: BarrierRows) -> None:
-    before = [x.copy() for x in (rows.h, rows.jac, rows.drift, rows.family)]
+    before = [x.copy() for x in (rows.h, rows.jac, rows.dh_dt, rows.family)]
     spaces = condition(rows, of_rows(rows))  # type: ignore[operator]
-    for x, y in zip((rows.h, rows.jac, rows.drift, rows.family), before, strict=True):
+    for x, y in zip((rows.h, rows.jac, rows.dh_dt, rows.family), before, strict=True):
         np.testing.assert_array_equal(x, y)
-    assert not any(np.shares_memory(spaces.b, x) for x in (rows.h, rows.drift))
+    assert not any(np.shares_memory(spaces.b, x) for x in (rows.h, rows.dh_dt))
 
 
 @pytest.mark.parametrize("condition", ALL)
@@ -191,7 +191,7 @@ def test_margins_are_the_familys_own_or_else_the_filters(rows: BarrierRows) -> N
 
 def test_cbf_with_a_margin_is_cbf_of_h_less_the_margin(rows: BarrierRows) -> None:
     expected = [
-        -(3.0 + f) * (h - margin_of(f)) - drift for h, drift, f in zip(rows.h, rows.drift, rows.family, strict=True)
+        -(3.0 + f) * (h - margin_of(f)) - dh_dt for h, dh_dt, f in zip(rows.h, rows.dh_dt, rows.family, strict=True)
     ]
     np.testing.assert_allclose(cbf(rows, with_margins(rows)).b, expected, rtol=1e-14, atol=1e-14)
 
@@ -200,12 +200,12 @@ def test_cbf_with_a_margin_is_cbf_of_h_less_the_margin(rows: BarrierRows) -> Non
 def test_ssa_and_sss_hold_rows_inside_their_margin_only(condition: object, rows: BarrierRows) -> None:
     spaces = condition(rows, with_margins(rows))  # type: ignore[operator]
     assert 0 < spaces.active.sum() < N
-    for i, (h, drift, f) in enumerate(zip(rows.h, rows.drift, rows.family, strict=True)):
+    for i, (h, dh_dt, f) in enumerate(zip(rows.h, rows.dh_dt, rows.family, strict=True)):
         phi = margin_of(f) - h
         assert spaces.active[i] == (phi >= 0)
         # d/dt phi <= -eta; d/dt phi <= -lambda phi
         rate = 0.2 + f if condition is ssa else (2.0 + f) * phi
-        assert spaces.b[i] == pytest.approx(rate - drift, abs=1e-13)
+        assert spaces.b[i] == pytest.approx(rate - dh_dt, abs=1e-13)
 
 
 def test_a_row_exactly_at_its_margin_is_held() -> None:
@@ -221,7 +221,7 @@ def test_worst_row_is_the_deepest_inside_its_margin_and_none_outside(rows: Barri
     spaces = worst_row(rows, p)
     assert spaces.active.sum() == 1
     assert spaces.active[np.argmax(p.margin - rows.h)]
-    np.testing.assert_array_equal(spaces.b, -rows.drift)
+    np.testing.assert_array_equal(spaces.b, -rows.dh_dt)
     assert not worst_row(replace(rows, h=p.margin + np.abs(rows.h) + 1e-12), p).active.any()
 
 

@@ -335,13 +335,13 @@ def degenerate_obstacles(start: Array, along: Array) -> list[Obstacle]:
 
 def test_rows_stay_finite_where_features_or_normals_are_not_unique(robot: RobotDescription) -> None:
     kin, bodies = placed(robot)
-    for i in np.flatnonzero(bodies.proper):
+    for i in np.flatnonzero(bodies.is_capsule):
         obstacles = degenerate_obstacles(bodies.origin[i], bodies.direction[i])
         barriers = standard_barriers(kin, [o.kind for o in obstacles])
         next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).set_obstacles(obstacles)
         rows = barriers.evaluate(kin, second_order=True)
         assert rows.curvature is not None
-        for values in (rows.h, rows.jac, rows.drift, rows.curvature):
+        for values in (rows.h, rows.jac, rows.dh_dt, rows.curvature):
             assert np.isfinite(values).all()
         cut = barriers.slices["obstacle"]
         np.testing.assert_allclose(np.linalg.norm(rows.jac[cut, :3], axis=1), 1.0, rtol=0, atol=1e-9)
@@ -354,7 +354,7 @@ def test_rows_of_a_box_are_its_distance_its_ends_and_the_edges_of_the_face_below
     barrier = ObstacleBarrier(bodies, ["box"])
     barrier.set_obstacles([Obstacle.box(centre, turn, half)])
     rows, labels = BarrierSet(kin, bodies, [barrier]).evaluate(kin), barrier.labels()
-    for i in np.flatnonzero(bodies.proper):
+    for i in np.flatnonzero(bodies.is_capsule):
         pair = f"{bodies.names[i]} - obstacle 0"
         contact = barrier.contacts[labels.index(pair)]
         local = turn.T @ contact[3:6]
@@ -382,7 +382,7 @@ BAD_OBSTACLES = {
     "mirrored rotation": {"rotation": np.diag([1.0, 1.0, -1.0])},
     "half size": {"half_sizes": np.array([0.1, 0.0, 0.1])},
     "half_sizes": {"half_sizes": np.array([0.1, 0.1])},
-    "spin": {"spin": np.array([0, 0, np.inf])},
+    "angular_velocity": {"angular_velocity": np.array([0, 0, np.inf])},
 }
 
 
@@ -409,4 +409,4 @@ def test_obstacles_keep_copies_and_move_as_they_say() -> None:
     np.testing.assert_allclose(later.position, [1.5, 1, 1], rtol=0, atol=1e-15)
     np.testing.assert_allclose(later.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], rtol=0, atol=1e-15)
     assert not box.at_rest().velocity.any()
-    assert not box.at_rest().spin.any()
+    assert not box.at_rest().angular_velocity.any()

@@ -110,7 +110,7 @@ def run(
             kin.update_geometry(kin.integrate(q, result.v, k * dt / PARTS))
             set_obstacle(barriers, sphere.after((step + k / PARTS) * dt))
             rows = barriers.evaluate(kin)
-            along.append(rows.jac @ result.v + rows.drift)
+            along.append(rows.jac @ result.v + rows.dh_dt)
         slopes = [np.abs(along[k] - along[0]) / (k * dt / PARTS) for k in range(1, PARTS + 1)]
         heights.append(h)
         rates.append(along[0])
@@ -261,7 +261,7 @@ class Accelerated:
         assert rows.curvature is not None
         h = rows.h.copy()
         h[self.cut] += self.lift
-        copies = {name: getattr(rows, name).copy() for name in ("jac", "drift", "curvature")}
+        copies = {name: getattr(rows, name).copy() for name in ("jac", "dh_dt", "curvature")}
         return replace(rows, h=h, **copies)
 
     def index(self, rows: BarrierRows, velocity: Array) -> BarrierRows:
@@ -283,7 +283,7 @@ class Accelerated:
                 ahead = k * dt / PARTS
                 index = self.index(self.rows(step * dt, ahead, result.v), self.v + ahead * result.v)
                 values.append(index.h)
-                along.append(index.jac @ result.v + index.drift)
+                along.append(index.jac @ result.v + index.dh_dt)
             slopes = [np.abs(along[k] - along[0]) / (k * dt / PARTS) for k in range(1, PARTS + 1)]
             rates.append(along[0])
             bends.append(np.max(slopes, axis=0))

@@ -58,7 +58,7 @@ class Case:
 
     def arrays(self) -> list[Array]:
         r = self.rows
-        found = [r.h, r.jac, r.drift, r.family, r.curvature, self.nominal, self.feet, self.velocity]
+        found = [r.h, r.jac, r.dh_dt, r.family, r.curvature, self.nominal, self.feet, self.velocity]
         return [a for a in found if a is not None]
 
 
@@ -200,7 +200,7 @@ def test_numbers_that_are_not_finite_are_refused(name: str, order: int, value: f
     rng = np.random.default_rng(4)
     nv, n = SIZES[0]
     safety_filter = make(name, order, nv, n)
-    words = {"h": "rows", "jac": "rows", "drift": "rows", "nominal": "nominal"}
+    words = {"h": "rows", "jac": "rows", "dh_dt": "rows", "nominal": "nominal"}
     if order == 2:
         words |= {"velocity": "velocity", "curvature": "curvature"}
     for part, word in words.items():
@@ -240,7 +240,7 @@ def misshapen(nv: int, n: int, order: int) -> list[tuple[str, tuple[int, ...], s
         ("jac", (n + 1, nv), f"({n}, {nv})"),
         ("jac", (n * nv,), f"({n}, {nv})"),
     ]
-    for part in ("h", "drift", "family", *(("curvature",) if order == 2 else ())):
+    for part in ("h", "dh_dt", "family", *(("curvature",) if order == 2 else ())):
         # the first one is what numpy would stretch over all rows
         wrong += [(part, shape, f"({n},)") for shape in ((1,), (), (n - 1,), (n + 1,), (n, 1), (1, n))]
     for part in ("nominal", *(("velocity",) if order == 2 else ())):
@@ -390,7 +390,7 @@ def test_numbers_that_overflow_fail_and_raise_nothing(name: str, order: int, val
     rng = np.random.default_rng(16)
     nv, n = SIZES[0]
     safety_filter = make(name, order, nv, n)
-    parts = ("h", "jac", "drift", "nominal", "feet", *(("curvature", "velocity") if order == 2 else ()))
+    parts = ("h", "jac", "dh_dt", "nominal", "feet", *(("curvature", "velocity") if order == 2 else ()))
     for part in parts:
         case = random_case(rng, nv, n)
         array = getattr(case, part) if hasattr(case, part) else getattr(case.rows, part)

@@ -12,12 +12,12 @@ def test_the_survey_is_numpys(shape: tuple[int, int]) -> None:
     rng = np.random.default_rng(0)
     n, nv = shape
     for beyond in (False, True):
-        h, drift, A, b, v = (rng.normal(size=s) for s in (n, n, shape, n, nv))
+        h, dh_dt, A, b, v = (rng.normal(size=s) for s in (n, n, shape, n, nv))
         limit = np.abs(v).max() * (0.5 if beyond else 2.0)
         violated = np.empty(n, dtype=bool)
-        total, least = survey(h, drift, A, b, v, np.full(nv, -limit), np.full(nv, limit), violated)
+        total, least = survey(h, dh_dt, A, b, v, np.full(nv, -limit), np.full(nv, limit), violated)
         room = A @ v - b
-        assert total == pytest.approx(h.sum() + drift.sum() + (A**2).sum() + (b**2).sum() + v.sum(), abs=1e-9)
+        assert total == pytest.approx(h.sum() + dh_dt.sum() + (A**2).sum() + (b**2).sum() + v.sum(), abs=1e-9)
         np.testing.assert_array_equal(violated, room < 0)
         expected = -np.inf if beyond else room.min(initial=np.inf)
         assert least == pytest.approx(expected, abs=1e-12)
@@ -88,7 +88,7 @@ def test_what_is_asked_for_while_rows_are_lost_is_numpys() -> None:
     rng = np.random.default_rng(21)
     for held_back in (True, False):
         n, nv, dt = 60, 9, 0.002
-        h, drift, A = rng.normal(scale=0.05, size=n), rng.normal(size=n), rng.normal(size=(n, nv))
+        h, dh_dt, A = rng.normal(scale=0.05, size=n), rng.normal(size=n), rng.normal(size=(n, nv))
         b, at_zero, last = rng.normal(size=n), rng.normal(size=n), rng.normal(size=nv)
         depth, speed, acceleration = (rng.uniform(0.01, 1.0, n) for _ in range(3))
         lost = (h < 0) & (rng.random(n) < 0.8)
@@ -96,12 +96,12 @@ def test_what_is_asked_for_while_rows_are_lost_is_numpys() -> None:
         if not held_back:
             b[~lost] = reached[~lost] - 1.0
         share = np.clip(-h / depth, 0.0, 1.0)
-        bounded = np.minimum(np.maximum(b, share * speed - drift), at_zero + speed)
-        resting = np.minimum(bounded, np.maximum(reached, -drift))
+        bounded = np.minimum(np.maximum(b, share * speed - dh_dt), at_zero + speed)
+        resting = np.minimum(bounded, np.maximum(reached, -dh_dt))
         expected = (1.0 - share) * resting + share * np.minimum(bounded, reached)
-        expected[~lost] = np.minimum(b, np.maximum(reached, -drift))[~lost]
+        expected[~lost] = np.minimum(b, np.maximum(reached, -dh_dt))[~lost]
         theta, out = np.full(n, np.nan), np.full(n, np.nan)
-        said = ease(h, drift, lost, A, b, at_zero, last, depth, speed, acceleration, dt, theta, out)
+        said = ease(h, dh_dt, lost, A, b, at_zero, last, depth, speed, acceleration, dt, theta, out)
         assert said == held_back
         np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
         np.testing.assert_allclose(theta, np.where(lost, share, 0.0), rtol=0, atol=1e-15)

@@ -13,13 +13,13 @@ from robots.messages import Array
 from safety.barriers.rows import FAMILIES
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.guarantee import (
-    Promise,
     RowBound,
+    SafetyBound,
     cbf_bound,
     cbf_running_bound,
     issf_bound,
     issf_running_bound,
-    promises,
+    safety_bounds,
     settle,
 )
 
@@ -156,7 +156,7 @@ def test_a_point_that_is_pushed_to_a_wall_stops_at_the_bound_at_most(condition: 
 
     solution = solve_ivp(rate, (0.0, 6.0), [0.8, 0.3], rtol=1e-10, atol=1e-12, max_step=0.01)
     h = np.linalg.norm(solution.y, axis=0) - radius
-    bound = Promise(condition, parameters).bound(size, 1.0)
+    bound = SafetyBound(condition, parameters).bound(size, 1.0)
     assert h.min() >= bound - 1e-9
     # at rest of the filtered motion: alpha h = 1 / epsilon - size, or -size for the CBF, which is its bound
     rest = (1.0 / parameters.epsilon if condition == "issf" else 0.0) - size
@@ -169,7 +169,7 @@ def test_a_point_that_is_pushed_to_a_wall_stops_at_the_bound_at_most(condition: 
 def test_a_margin_shifts_everything_by_itself(condition: str, seed: int, margin: float, h: float) -> None:
     jac, d = random_walk(seed)
     gradient, sizes = np.linalg.norm(jac, axis=1), np.linalg.norm(d, axis=1)
-    plain, kept = (Promise(condition, FamilyParameters(5.0, 2.0, m)) for m in (None, margin))
+    plain, kept = (SafetyBound(condition, FamilyParameters(5.0, 2.0, m)) for m in (None, margin))
     assert kept.bound(0.7, 1.3) == pytest.approx(margin + plain.bound(0.7, 1.3), rel=1e-12)
     shifted = margin + plain.running_bound(h - margin, sizes, gradient, DT)
     np.testing.assert_allclose(kept.running_bound(h, sizes, gradient, DT), shifted, rtol=1e-12, atol=1e-15)
@@ -182,7 +182,7 @@ def test_a_margin_shifts_everything_by_itself(condition: str, seed: int, margin:
 @pytest.mark.parametrize("condition", ["cbf", "issf"])
 def test_bounds_of_rows_follow_rows_whose_condition_is_active(condition: str) -> None:
     """Three rows that obey the condition with equality lie on their bounds; those with room to spare lie above."""
-    promise = Promise(condition, FamilyParameters(alpha=5.0, epsilon=2.0))
+    promise = SafetyBound(condition, FamilyParameters(alpha=5.0, epsilon=2.0))
     rng = np.random.default_rng(3)
     jac, d = rng.normal(size=(STEPS, 3, 4)), rng.normal(size=(STEPS, 4))
     tight, roomy = RowBound(promise, DT), RowBound(promise, DT)
@@ -201,7 +201,7 @@ def test_bounds_of_rows_follow_rows_whose_condition_is_active(condition: str) ->
 
 
 def test_row_bounds_are_above_the_bound_from_the_size_of_the_disturbance() -> None:
-    promise = Promise("issf", FamilyParameters(alpha=5.0, epsilon=2.0))
+    promise = SafetyBound("issf", FamilyParameters(alpha=5.0, epsilon=2.0))
     jac, d = random_walk(5)
     row = RowBound(promise, DT)
     by_row = [row.advance(np.zeros(1), j[None], e) for j, e in zip(jac, d, strict=True)]
@@ -213,20 +213,22 @@ def test_where_the_filter_does_not_run_nothing_is_promised() -> None:
     sizes = np.array([0.1, 0.2, np.nan, 0.1])
     assert np.isnan(issf_running_bound(5.0, 2.0, sizes, DT)).tolist() == [False, False, True, True]
     assert np.isnan(cbf_running_bound(5.0, np.ones(4), sizes, DT)).tolist() == [False, False, True, True]
-    row = RowBound(Promise("issf", FamilyParameters()), DT)
+    row = RowBound(SafetyBound("issf", FamilyParameters()), DT)
     jac = np.ones((2, 3))
     for d, known in ((0.1, True), (0.1, True), (np.nan, False), (0.1, False)):
         assert np.isfinite(row.advance(np.ones(2), jac, np.full(3, d))) == known
-    assert np.isnan(RowBound(Promise("cbf", FamilyParameters()), DT).advance(np.zeros(0), np.zeros((0, 3)), np.ones(3)))
+    assert np.isnan(
+        RowBound(SafetyBound("cbf", FamilyParameters()), DT).advance(np.zeros(0), np.zeros((0, 3)), np.ones(3))
+    )
 
 
 def test_every_family_has_the_promise_of_its_own_parameters() -> None:
     parameters = BarrierParameters(obstacle=FamilyParameters(alpha=3.0, epsilon=7.0))
-    found = promises("issf", parameters)
+    found = safety_bounds("issf", parameters)
     assert tuple(found) == FAMILIES
     assert found["obstacle"].bound(0.5, 9.9) == issf_bound(3.0, 7.0, 0.5)
-    assert promises("cbf", parameters)["obstacle"].bound(0.5, 9.9) == cbf_bound(3.0, 9.9, 0.5)
-    assert promises("none", parameters) == {}
+    assert safety_bounds("cbf", parameters)["obstacle"].bound(0.5, 9.9) == cbf_bound(3.0, 9.9, 0.5)
+    assert safety_bounds("none", parameters) == {}
 
 
 @pytest.mark.parametrize(
@@ -246,8 +248,8 @@ def test_every_family_has_the_promise_of_its_own_parameters() -> None:
         ("dt", lambda: issf_running_bound(1.0, 1.0, np.ones(2), 0.0)),
         ("start", lambda: issf_running_bound(1.0, 1.0, np.ones(2), DT, 0.1)),
         ("dt", lambda: settle(np.zeros(1), 1.0, np.zeros(1), -DT)),
-        ("dt", lambda: RowBound(Promise("issf", FamilyParameters()), 0.0)),
-        ("condition", lambda: Promise("none", FamilyParameters())),
+        ("dt", lambda: RowBound(SafetyBound("issf", FamilyParameters()), 0.0)),
+        ("condition", lambda: SafetyBound("none", FamilyParameters())),
     ],
 )
 def test_what_is_not_allowed_is_named(name: str, call: Any) -> None:

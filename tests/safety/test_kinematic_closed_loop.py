@@ -170,7 +170,7 @@ def test_the_worst_disturbance_costs_what_the_theory_says_and_cbf_has_no_bound_o
 
 @pytest.mark.parametrize("name", ["cbf", "issf"])
 def test_a_moving_obstacle_is_evaded(robot: RobotDescription, name: str) -> None:
-    """The obstacle comes at the hand; the robot wants to stand still. Without drift the row would be violated."""
+    """The obstacle comes at the hand; the robot wants to stand still. Without dh_dt the row would be violated."""
     loop = Loop(robot, "obstacle", name)
     velocity, place = np.array([-0.5, 0.0, 0.0]), loop.obstacles._position[0].copy()
     q, still, lowest = loop.q, np.zeros(loop.kin.nv), []

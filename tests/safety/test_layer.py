@@ -24,7 +24,7 @@ def test_it_asks_for_all_from_its_depth_on_and_for_less_above() -> None:
     h = np.linspace(-0.1, 0.2, 601)
     rows = rows_at(h)
     spaces = ssa(rows, of_rows(h.size))
-    asked = spaces.b + rows.drift
+    asked = spaces.b + rows.dh_dt
     assert spaces.active.all()
     np.testing.assert_allclose(asked[h <= MARGIN - LAYER], ETA, rtol=1e-12)
     np.testing.assert_allclose(np.interp(MARGIN, h, asked), 0.0, atol=1e-12)
@@ -38,7 +38,7 @@ def test_without_a_layer_it_is_the_papers_switch() -> None:
     rows = rows_at(h)
     spaces = ssa(rows, of_rows(4, layer=0.0))
     assert spaces.active.tolist() == [True, True, False, True]
-    np.testing.assert_allclose(spaces.b + rows.drift, ETA, rtol=1e-12)
+    np.testing.assert_allclose(spaces.b + rows.dh_dt, ETA, rtol=1e-12)
 
 
 def test_families_with_and_without_a_layer_stand_side_by_side() -> None:

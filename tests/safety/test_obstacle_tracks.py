@@ -450,13 +450,13 @@ def test_a_tracked_obstacle_feeds_its_barrier() -> None:
         track.measure(start + 0.002 * i * VELOCITY, 0.002 * i)
     position, velocity = track.estimate(0.4)
     barrier.set_obstacles([Obstacle.sphere(position, 0.1, velocity)])
-    drift = rows.evaluate(kin).drift.copy()
+    dh_dt = rows.evaluate(kin).dh_dt.copy()
     step, h = 1e-6, []
     for sign in (1, -1):
         barrier.set_obstacles([Obstacle.sphere(track.estimate(0.4)[0] + sign * step * VELOCITY, 0.1)])
         h.append(rows.evaluate(kin).h.copy())
-    np.testing.assert_allclose(drift, (h[0] - h[1]) / (2 * step), rtol=0, atol=1e-3)
-    assert np.abs(drift).max() > 0.1
+    np.testing.assert_allclose(dh_dt, (h[0] - h[1]) / (2 * step), rtol=0, atol=1e-3)
+    assert np.abs(dh_dt).max() > 0.1
 
 
 @pytest.mark.parametrize(

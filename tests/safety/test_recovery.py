@@ -27,10 +27,10 @@ PARAMETERS = BarrierParameters(**dict.fromkeys(FAMILIES, FAMILY))
 QPS = ("cbf", "issf", "ssa", "rssa", "pssa", "sss")
 
 
-def rows_of(h: Array, jac: Array, drift: Array | None = None) -> BarrierRows:
+def rows_of(h: Array, jac: Array, dh_dt: Array | None = None) -> BarrierRows:
     n = len(h)
     return BarrierRows(
-        np.array(h, dtype=float), jac, np.zeros(n) if drift is None else drift, np.ones(n, dtype=np.intp)
+        np.array(h, dtype=float), jac, np.zeros(n) if dh_dt is None else dh_dt, np.ones(n, dtype=np.intp)
     )
 
 
@@ -118,12 +118,12 @@ def test_rows_that_hold_are_kept_and_go_before_those_that_do_not() -> None:
 def test_only_what_lost_rows_ask_for_changes_and_continuously(seed: int) -> None:
     rng = np.random.default_rng(seed)
     n, nv = 30, 8
-    jac, drift = rng.normal(size=(n, nv)), 0.1 * rng.normal(size=n)
+    jac, dh_dt = rng.normal(size=(n, nv)), 0.1 * rng.normal(size=n)
     h = rng.uniform(-0.02, 0.05, size=n)
     h[0], h[1], h[2] = -0.1, -1e-9, 0.0
     p = PARAMETERS.of_rows(np.ones(n, dtype=np.intp))
     recovery = Recovery(nv, n, SETTINGS, DT)
-    rows = rows_of(h, jac, drift)
+    rows = rows_of(h, jac, dh_dt)
     spaces = cbf(rows, p)
     b, A = spaces.b.copy(), spaces.A.copy()
     eased = recovery.ease(rows, spaces, cbf, p, np.zeros(nv), lambda: np.eye(nv), np.full(nv, 20.0))
@@ -133,7 +133,7 @@ def test_only_what_lost_rows_ask_for_changes_and_continuously(seed: int) -> None
     np.testing.assert_array_equal(eased.spaces.b[h >= 0], b[h >= 0])
     assert eased.spaces.b[1] == pytest.approx(b[1], abs=1e-5)
     lost = h < 0
-    assert (eased.spaces.b[lost] + drift[lost] <= SPEED + 1e-9).all()
+    assert (eased.spaces.b[lost] + dh_dt[lost] <= SPEED + 1e-9).all()
 
 
 @pytest.mark.parametrize("name", QPS)
@@ -236,11 +236,11 @@ def test_rows_that_hold_go_first_however_many_are_lost(name: str) -> None:
     safety = filter_of(n, nv, name)
     jac = rng.normal(size=(n, nv))
     h = np.append(0.001, rng.uniform(-0.05, -0.01, n - 1))
-    drift = np.append(-0.1, np.zeros(n - 1))
+    dh_dt = np.append(-0.1, np.zeros(n - 1))
     for _ in range(20):
-        result = safety.apply(rows_of(h, jac, drift), rng.normal(size=nv))
+        result = safety.apply(rows_of(h, jac, dh_dt), rng.normal(size=nv))
         # a CBF may let it sink towards its boundary, SSS not below its margin
-        assert jac[0] @ result.v + drift[0] >= (-ALPHA * h[0] if name == "cbf" else 0.0) - 1e-6
+        assert jac[0] @ result.v + dh_dt[0] >= (-ALPHA * h[0] if name == "cbf" else 0.0) - 1e-6
 
 
 @pytest.mark.parametrize("depth", [0.4, 0.9])
@@ -303,13 +303,13 @@ def test_rows_that_hold_stay_eased_until_they_ask_for_all_they_do_otherwise() ->
 def test_lost_rows_may_have_any_layout_and_type_of_numbers(name: str) -> None:
     rng = np.random.default_rng(31)
     n, nv = 6, 4
-    h, jac, drift = np.full(n, -0.05), rng.normal(size=(n, nv)).astype(np.float32), np.zeros(n)
+    h, jac, dh_dt = np.full(n, -0.05), rng.normal(size=(n, nv)).astype(np.float32), np.zeros(n)
     family, v_des = np.ones(n, dtype=np.intp), rng.normal(size=nv)
-    expected = filter_of(n, nv, name).apply(BarrierRows(h, jac.astype(float), drift, family), v_des)
+    expected = filter_of(n, nv, name).apply(BarrierRows(h, jac.astype(float), dh_dt, family), v_des)
     for rows in (
-        BarrierRows(np.repeat(h, 2)[::2], jac.astype(float), drift, family),
+        BarrierRows(np.repeat(h, 2)[::2], jac.astype(float), dh_dt, family),
         BarrierRows(h, np.asfortranarray(jac, dtype=float), np.broadcast_to(0.0, (n,)), family),
-        BarrierRows(h, jac, drift.astype(np.float32), family),
+        BarrierRows(h, jac, dh_dt.astype(np.float32), family),
     ):
         result = filter_of(n, nv, name).apply(rows, v_des)
         assert result.status == expected.status
@@ -332,10 +332,10 @@ def test_a_lost_row_that_nothing_moves_has_no_say_in_how_the_others_are_left() -
 def test_a_lost_row_is_left_though_rows_that_hold_contradict_each_other(name: str) -> None:
     """Two obstacles come from both sides, where nothing can be done; the row that is lost has another direction."""
     jac = np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-    safety, drift = filter_of(3, 3, name), np.array([-0.15, -0.15, 0.0])
+    safety, dh_dt = filter_of(3, 3, name), np.array([-0.15, -0.15, 0.0])
     rates = []
     for _ in range(200):
-        result = safety.apply(rows_of(np.array([1e-3, 1e-3, -0.06]), jac, drift), np.zeros(3))
+        result = safety.apply(rows_of(np.array([1e-3, 1e-3, -0.06]), jac, dh_dt), np.zeros(3))
         assert result.status == FilterStatus.RELAXED
         rates.append(result.v[1])
     assert np.diff(rates).max() <= ACCELERATION * DT + 1e-6

@@ -241,7 +241,7 @@ def test_conflicts_refer_to_the_rows_of_their_tick() -> None:
     rows = rows_demanding(A, b, ETA)
     result = make("pssa", 9, 4).apply(rows, v_des)
     expected = result.conflict()
-    rows.jac[:], rows.drift[:] = 0.0, 0.0
+    rows.jac[:], rows.dh_dt[:] = 0.0, 0.0
     assert result.conflict() == expected != ()
 
 

@@ -90,10 +90,10 @@ def test_obstacle_motion_is_that_of_a_rigid_body() -> None:
     obstacle_motion(np.stack([o.packed for o in obstacles]), radius, which, reach, twists, rates)
     np.testing.assert_array_equal(reach, radius + np.array([obstacles[o].radius for o in which]))
     for o, twist, rate in zip(obstacles, twists, rates, strict=True):
-        np.testing.assert_allclose(twist[:3], o.velocity - np.cross(o.spin, o.position), rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(twist[3:], o.spin)
+        np.testing.assert_allclose(twist[:3], o.velocity - np.cross(o.angular_velocity, o.position), rtol=0, atol=1e-14)
+        np.testing.assert_array_equal(twist[3:], o.angular_velocity)
         # by finite differences along its own motion
-        later, before = (o.velocity - np.cross(o.spin, o.position + t * o.velocity) for t in (1e-3, -1e-3))
+        later, before = (o.velocity - np.cross(o.angular_velocity, o.position + t * o.velocity) for t in (1e-3, -1e-3))
         np.testing.assert_allclose(rate[:3], (later - before) / 2e-3, rtol=0, atol=1e-11)
         np.testing.assert_array_equal(rate[3:], np.zeros(3))
 
@@ -105,7 +105,15 @@ def test_an_obstacles_numbers_are_its_fields_one_after_the_other() -> None:
         array[:] = -1.0
     expected = [1, 2, 3, 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0.1, 0.2, 0.3, 0, 4, 5, 6, 7, 8, 9]
     np.testing.assert_array_equal(box.packed, expected)
-    fields = (box.position, box.direction, box.rotation.ravel(), box.half_sizes, [box.radius], box.velocity, box.spin)
+    fields = (
+        box.position,
+        box.direction,
+        box.rotation.ravel(),
+        box.half_sizes,
+        [box.radius],
+        box.velocity,
+        box.angular_velocity,
+    )
     np.testing.assert_array_equal(np.concatenate(fields), expected)
 
 
@@ -118,7 +126,7 @@ def test_an_obstacle_cannot_be_moved_in_place() -> None:
         Obstacle.half_space(three, three, three, three),
     )
     for obstacle in (o for one in made for o in (one, one.at_rest(), one.after(0.5), replace(one, position=-three))):
-        for name in ("position", "direction", "rotation", "half_sizes", "velocity", "spin", "packed"):
+        for name in ("position", "direction", "rotation", "half_sizes", "velocity", "angular_velocity", "packed"):
             array = getattr(obstacle, name)
             with pytest.raises(ValueError, match="read-only"):
                 array.flat[0] = 5.0

@@ -34,7 +34,7 @@ PARAMETERS = BarrierParameters(
 ROOM = 1e-8
 QP_FILTERS = ("cbf", "issf", "ssa", "pssa", "sss")
 VELOCITY_FILTERS = tuple(n for n in FILTERS if 1 in KINDS[n].orders)
-PARTS = ("v_des", "h", "jac", "drift")
+PARTS = ("v_des", "h", "jac", "dh_dt")
 
 
 @pytest.fixture(scope="module")
@@ -58,7 +58,7 @@ def safety_filter(name: str, barriers: BarrierSet, v_max: Array) -> SafetyFilter
 
 
 def rows_near(kin: Kinematics, barriers: BarrierSet, rng: np.random.Generator) -> BarrierRows:
-    """Rows at a configuration about the hands' posture, with drift as of obstacles."""
+    """Rows at a configuration about the hands' posture, with dh_dt as of obstacles."""
     q = standing_configuration(kin.robot, "hands_front")
     lower, upper = kin.robot.position_limits
     q[7:] = np.clip(q[7:] + rng.normal(scale=0.1, size=q.size - 7), lower, upper)
@@ -142,7 +142,7 @@ def test_the_input_is_not_changed(
     rows = replace(rows, h=np.maximum(rows.h, 0.06))
     if situation == "relaxed":
         rows = contradictory(rows)
-    arrays = (rows.h, rows.jac, rows.drift, rows.family, v_des, feet, v_max)
+    arrays = (rows.h, rows.jac, rows.dh_dt, rows.family, v_des, feet, v_max)
     before = [a.copy() for a in arrays]
     result = safety_filter.apply(rows, v_des, feet)
     assert result.status.name.lower() == situation
@@ -325,7 +325,7 @@ def test_conditions_that_are_not_active_do_not_bind(robot: RobotDescription) -> 
     def wholly(given: BarrierRows, _: object) -> HalfSpaces:
         return HalfSpaces(given.jac, -given.h, np.ones(3, dtype=bool))
 
-    fewer = BarrierRows(rows.h[active], rows.jac[active], rows.drift[active], rows.family[active])
+    fewer = BarrierRows(rows.h[active], rows.jac[active], rows.dh_dt[active], rows.family[active])
 
     bounds = np.full(nv, 100.0)
     results = []

@@ -17,7 +17,7 @@ DT = 0.002
 
 
 class PointAmongSpheres:
-    """A point (3,) that sees spheres which move at constant velocity: h, its gradient, drift and curvature."""
+    """A point (3,) that sees spheres which move at constant velocity: h, its gradient, dh_dt and curvature."""
 
     def __init__(self, centres: Array, velocities: Array, radii: Array) -> None:
         self.centres, self.velocities, self.radii = centres, velocities, radii
@@ -29,9 +29,9 @@ class PointAmongSpheres:
         relative = v - self.velocities
         along = np.vecdot(normal, relative)
         curvature = (np.vecdot(relative, relative) - along**2) / distance
-        drift = -np.vecdot(normal, self.velocities)
+        dh_dt = -np.vecdot(normal, self.velocities)
         family = np.full(distance.size, OBSTACLE, dtype=np.intp)
-        return BarrierRows(distance - self.radii, normal, drift, family, curvature)
+        return BarrierRows(distance - self.radii, normal, dh_dt, family, curvature)
 
 
 @pytest.fixture
@@ -61,18 +61,18 @@ def test_rates_of_the_index_and_of_the_exponential_barrier_are_their_differences
         for make in (index_rows, ecbf_rows):
             rows, step = make(scene.rows(x, v), v, p), 1e-5
             difference = (later(make, step) - later(make, -step)) / (2 * step)
-            np.testing.assert_allclose(rows.jac @ u + rows.drift, difference, rtol=1e-6, atol=1e-7)
+            np.testing.assert_allclose(rows.jac @ u + rows.dh_dt, difference, rtol=1e-6, atol=1e-7)
 
 
 def test_the_index_is_sparks_with_its_signs_put_right(scene: PointAmongSpheres) -> None:
     x, v = np.array([3.0, 0.1, 0.2]), np.array([-0.4, 0.2, 0.1])
     rows = scene.rows(x, v)
     assert (rows.h > 0).all()
-    rate = rows.jac @ v + rows.drift
+    rate = rows.jac @ v + rows.dh_dt
     p = parameters(6, margin=0.3, index_gain=0.6, index_power=2.0)
     np.testing.assert_allclose(index_rows(rows, v, p).h, rows.h**2 - 0.3**2 + 0.6 * rate, rtol=1e-14)
     # as printed, a body far away and at rest would count as unsafe
-    still = replace(rows, drift=np.zeros(6))
+    still = replace(rows, dh_dt=np.zeros(6))
     np.testing.assert_array_equal(index_rows(still, 0 * v, p).h > 0, rows.h > 0.3)
     # in penetration the index goes on falling
     deep = replace(still, h=-rows.h)
@@ -83,7 +83,7 @@ def test_exponential_barrier_is_equations_54_and_55(scene: PointAmongSpheres) ->
     x, v, alpha = np.array([1.0, 0.1, 0.2]), np.array([-0.4, 0.2, 0.1]), 3.0
     rows = scene.rows(x, v)
     assert rows.curvature is not None
-    rate = rows.jac @ v + rows.drift
+    rate = rows.jac @ v + rows.dh_dt
     spaces = ecbf(rows, v, parameters(6, alpha=alpha))
     # h_ddot + 2 alpha h_dot + alpha^2 h >= 0
     np.testing.assert_array_equal(spaces.A, rows.jac)
@@ -95,7 +95,7 @@ def test_linear_index_with_gain_one_over_alpha_is_the_exponential_barrier(scene:
     x, v, alpha = np.array([1.0, 0.1, 0.2]), np.array([-0.4, 0.2, 0.1]), 4.0
     p = parameters(6, alpha=alpha, index_gain=1 / alpha, margin=0.1)
     index, exponential = (make(scene.rows(x, v), v, p) for make in (index_rows, ecbf_rows))
-    for a, b in ((index.h, exponential.h), (index.jac, exponential.jac), (index.drift, exponential.drift)):
+    for a, b in ((index.h, exponential.h), (index.jac, exponential.jac), (index.dh_dt, exponential.dh_dt)):
         np.testing.assert_allclose(alpha * a, b, rtol=1e-13, atol=1e-13)
     one, two = cbf(index, without_margin(p)), ecbf(scene.rows(x, v), v, p)
     np.testing.assert_allclose(alpha * one.b, two.b, rtol=1e-12, atol=1e-12)

@@ -55,7 +55,7 @@ def evaluate(barriers: BarrierSet, kin: Kinematics, q: Array, v: Array, obstacle
     next(b for b in barriers.barriers if isinstance(b, ObstacleBarrier)).set_obstacles(obstacles)
     rows = barriers.evaluate(kin, second_order=True)
     assert rows.curvature is not None
-    return replace(rows, h=rows.h.copy(), jac=rows.jac.copy(), drift=rows.drift.copy(), curvature=rows.curvature.copy())
+    return replace(rows, h=rows.h.copy(), jac=rows.jac.copy(), dh_dt=rows.dh_dt.copy(), curvature=rows.curvature.copy())
 
 
 def random_state(kin: Kinematics, seed: int) -> tuple[Array, Array, list[Obstacle]]:
@@ -85,11 +85,11 @@ def assert_rate_and_curvature(
 
     def h_and_rate(dt: float) -> Array:
         after = evaluate(barriers, kin, kin.integrate(q, v, dt), v, [o.after(dt) for o in obstacles])
-        return np.array([after.h, after.jac @ v + after.drift])
+        return np.array([after.h, after.jac @ v + after.dh_dt])
 
     rate, numeric = derivative(h_and_rate)
     size = 1 + np.abs(rows.curvature)
-    np.testing.assert_allclose(rows.jac @ v + rows.drift, rate, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(rows.jac @ v + rows.dh_dt, rate, rtol=0, atol=1e-6)
     np.testing.assert_allclose(rows.curvature / size, numeric / size, rtol=0, atol=ROUNDING)
     return rows
 
@@ -111,7 +111,7 @@ def test_curvature_and_rate_in_a_box_are_central_differences(robot: RobotDescrip
     rng, bodies, count = np.random.default_rng(9), CollisionBodies(kin), 6
     bodies.place(kin)
     barriers = standard_barriers(kin, ["box"] * count)
-    middles = (bodies.origin + rng.uniform(0.1, 0.9, (len(bodies.names), 1)) * bodies.direction)[bodies.proper]
+    middles = (bodies.origin + rng.uniform(0.1, 0.9, (len(bodies.names), 1)) * bodies.direction)[bodies.is_capsule]
     boxes = [
         Obstacle.box(p, pin.rpy.rpyToMatrix(rng.normal(size=3)), rng.uniform(0.05, 0.15, 3), *rng.normal(size=(2, 3)))
         for p in rng.permutation(middles)[:count]
@@ -129,7 +129,7 @@ def test_first_order_rows_do_not_change_when_the_second_is_asked_for(kin: Kinema
     both = evaluate(barriers, kin, q, v, obstacles)
     first = barriers.evaluate(kin)
     assert first.curvature is None
-    for part in ("h", "jac", "drift"):
+    for part in ("h", "jac", "dh_dt"):
         np.testing.assert_array_equal(getattr(first, part), getattr(both, part))
 
 
@@ -142,7 +142,7 @@ def test_acceleration_enters_through_the_gradient(kin: Kinematics, barriers: Bar
     def rate(dt: float) -> Array:
         moved = kin.integrate(q, v + 0.5 * dt * u, dt)
         after = evaluate(barriers, kin, moved, v + dt * u, [o.after(dt) for o in obstacles])
-        return after.jac @ (v + dt * u) + after.drift
+        return after.jac @ (v + dt * u) + after.dh_dt
 
     numeric, expected = derivative(rate), rows.jac @ u + rows.curvature
     size = 1 + np.abs(rows.curvature)
@@ -165,7 +165,7 @@ def test_curvature_does_not_depend_on_the_worlds_frame(robot: RobotDescription) 
                 direction=turn @ o.direction,
                 rotation=turn @ o.rotation,
                 velocity=turn @ o.velocity,
-                spin=turn @ o.spin,
+                angular_velocity=turn @ o.angular_velocity,
             )
             for o in obstacles
         ]
@@ -180,15 +180,16 @@ def test_robot_and_obstacles_turning_as_one_body_have_no_curvature(robot: RobotD
     for seed in range(3):
         q, v, obstacles = random_state(kin, seed)
         v[:3], v[6:] = 0.0, 0.0
-        spin = pin.Quaternion(q[3:7]).matrix() @ v[3:6]
-        axis = spin / np.linalg.norm(spin)
+        angular_velocity = pin.Quaternion(q[3:7]).matrix() @ v[3:6]
+        axis = angular_velocity / np.linalg.norm(angular_velocity)
         # every reference point on the axis through the base's origin: it stays, while the obstacle turns about it
         places = [q[:3] + (0.5 + 0.4 * i) * axis for i in range(len(obstacles))]
         along = [
-            replace(o, position=p, velocity=np.zeros(3), spin=spin) for o, p in zip(obstacles, places, strict=True)
+            replace(o, position=p, velocity=np.zeros(3), angular_velocity=angular_velocity)
+            for o, p in zip(obstacles, places, strict=True)
         ]
         rows = evaluate(barriers, kin, q, v, along)
-        np.testing.assert_allclose(rows.jac @ v + rows.drift, 0.0, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(rows.jac @ v + rows.dh_dt, 0.0, rtol=0, atol=1e-10)
         np.testing.assert_allclose(rows.curvature, 0.0, rtol=0, atol=1e-8)
 
 

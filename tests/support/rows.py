@@ -6,11 +6,11 @@ from robots.messages import Array
 from safety.barriers.rows import FAMILIES, BarrierRows
 
 
-def rows_of(h: Array, jac: Array, drift: Array | None = None, family: str = "obstacle") -> BarrierRows:
-    """Rows of one family; without ``drift`` nothing moves by itself."""
+def rows_of(h: Array, jac: Array, dh_dt: Array | None = None, family: str = "obstacle") -> BarrierRows:
+    """Rows of one family; without ``dh_dt`` nothing moves by itself."""
     h = np.array(h, dtype=float)
     still = np.zeros(h.size)
-    return BarrierRows(h, jac, still if drift is None else drift, np.full(h.size, FAMILIES.index(family)))
+    return BarrierRows(h, jac, still if dh_dt is None else dh_dt, np.full(h.size, FAMILIES.index(family)))
 
 
 def rows_demanding(A: Array, b: Array, eta: float) -> BarrierRows:
@@ -20,4 +20,4 @@ def rows_demanding(A: Array, b: Array, eta: float) -> BarrierRows:
 
 def copied(rows: BarrierRows) -> BarrierRows:
     """Rows that later evaluations of their barriers do not overwrite."""
-    return BarrierRows(rows.h.copy(), rows.jac.copy(), rows.drift.copy(), rows.family)
+    return BarrierRows(rows.h.copy(), rows.jac.copy(), rows.dh_dt.copy(), rows.family)

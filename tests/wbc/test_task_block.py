@@ -30,7 +30,7 @@ def moving(robot: RobotDescription) -> Kinematics:
     q = standing_configuration(robot)
     q[7:] = rng.uniform(*robot.position_limits)
     kin.update(q, rng.normal(size=kin.nv))
-    kin.update_drift()
+    kin.update_bias_acceleration()
     return kin
 
 
@@ -57,7 +57,9 @@ def plain_rows(kin: Kinematics, task: Task) -> tuple[Array, Array]:
     turn = task.rotation @ rotation.T
     angle = math.acos(np.clip(0.5 * (np.trace(turn) - 1.0), -1.0, 1.0))
     axis = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1]]) / (2 * math.sin(angle))
-    command = task.velocity + (task.acceleration - kin.frame_drift(task.frame_id)) / task.gains.acceleration_gain
+    command = (
+        task.velocity + (task.acceleration - kin.frame_bias_acceleration(task.frame_id)) / task.gains.acceleration_gain
+    )
     command[:3] += task.gains.correction(task.position - position)
     command[3:] += task.angular_gains.correction(angle * axis)
     return kin.frame_jacobian(task.frame_id), command

@@ -267,9 +267,9 @@ def test_with_the_bias_compensated_a_moving_robot_gets_the_acceleration_asked_fo
     for side in (-1, 1):
         kin.update(kin.integrate(q, v, side * STEP), v)
         rates.append(task.evaluate(kin)[0] @ v)
-    drift = (rates[1] - rates[0]) / (2 * STEP)
+    dh_dt = (rates[1] - rates[0]) / (2 * STEP)
     kin.update(q, v)
-    kin.update_drift()
+    kin.update_bias_acceleration()
     aim(task, placement(task, kin, q))
     jacobian = task.evaluate(kin)[0]
     wanted = np.arange(1.0, 1.0 + task.rows)
@@ -281,9 +281,9 @@ def test_with_the_bias_compensated_a_moving_robot_gets_the_acceleration_asked_fo
         command = (task if without else plain).evaluate(kin)[1]
         velocity = prioritised_velocity([(jacobian, command)], kin.nv, 1e-6)
         acceleration = DynWbc(kin, soles, weights).acceleration_reference(velocity, v, dt)
-        actual = jacobian @ acceleration + drift
-        expected = wanted if without else wanted + drift
+        actual = jacobian @ acceleration + dh_dt
+        expected = wanted if without else wanted + dh_dt
         np.testing.assert_allclose(actual, expected, rtol=0, atol=1e-5)
-    assert np.linalg.norm(drift) > 0.1
+    assert np.linalg.norm(dh_dt) > 0.1
     assert isinstance(task, CenterOfMassTask | FramePoseTask)
     np.testing.assert_array_equal(task.acceleration, wanted)

@@ -73,7 +73,7 @@ class CenterOfMassTask(Task):
             raise TargetNotSetError(self.name)
         command, gains = np.empty(3), self._gains
         correct(self._position, kin.com, gains.k, gains.max_correction, command)
-        acceleration = self._acceleration - kin.com_drift if self._compensate_bias else self._acceleration
+        acceleration = self._acceleration - kin.com_bias_acceleration if self._compensate_bias else self._acceleration
         command += self._velocity
         command += acceleration / gains.acceleration_gain
         return kin.com_jacobian, command

@@ -114,7 +114,7 @@ class FrameTask(Task):
 
     def bias_acceleration(self, kin: Kinematics) -> Array:
         """What is taken off the feed-forward acceleration (6,)."""
-        return kin.frame_drift(self.frame_id) if self._compensate_bias else np.zeros(6)
+        return kin.frame_bias_acceleration(self.frame_id) if self._compensate_bias else np.zeros(6)
 
     def evaluate(self, kin: Kinematics) -> tuple[Array, Array]:
         """See :meth:`Task.evaluate`; it knows of no evaluation before, so ``max_change`` does not count."""

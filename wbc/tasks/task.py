@@ -71,7 +71,7 @@ class Task(ABC):
             compensate_bias: whether to take the bias acceleration :math:`\dot J v`, over ``acceleration_gain``, off the
                 command, for eq. (15) of Lee et al. to give the acceleration that was asked for: at the level of
                 velocities it does not know that term. Heeded by the CoM and by tasks about frames; the kinematics'
-                ``update_drift`` must then be called before.
+                ``update_bias_acceleration`` must then be called before.
         """
         self._gains, self._compensate_bias = gains, compensate_bias
         self._name = name or type(self).__name__

@@ -193,6 +193,8 @@ def walking_changes(robot: RobotDescription, load_estimate: bool = True) -> dict
     return {
         "gain_scale": tuning.gain_scale,
         "compensate_bias": True,
-        "balance": dataclasses.replace(base.balance, load_time=tuning.load_estimate_time if load_estimate else 0.0),
+        "balance": dataclasses.replace(
+            base.balance, mass_time_constant=tuning.load_estimate_time if load_estimate else 0.0
+        ),
         "dynwbc": dataclasses.replace(base.dynwbc, force=tuning.force_weight, moment=tuning.moment_weight),
     }

@@ -56,5 +56,7 @@ def study(log: str) -> Study:
 
 
 if __name__ == "__main__":
+    # jobs in the background of a shell are started with the interrupt ignored, and pass that on
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     folder, log, *rest = sys.argv[1:]
     carry_out(study(log), Path(folder), LocalBackend(int(rest[0]) if rest else 2))

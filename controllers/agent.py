@@ -1,8 +1,10 @@
 """What runs on the robot: measured state and detections in, motor command out, one call a tick."""
 
+import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,10 +25,13 @@ from robots.kinematics import Kinematics
 from robots.messages import Array, MotorCommand, RobotState
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier import Barrier
+from safety.filters.results import FilterStatus
 from safety.geometry.shapes import Obstacle
 
 if TYPE_CHECKING:
     from controllers.obstacle_tracker import ObstacleTracker, TrackingSettings
+
+LOGGER = logging.getLogger(__name__)
 
 HANDS = ("left hand", "right hand")
 
@@ -63,8 +68,9 @@ class Agent:
     What happens on a stop is here and not with whoever calls. Two ways to stop, both for good, both with the first
     cause kept:
 
-    - *Hold* (:meth:`hold`), where the state is sound but the task cannot go on: an obstacle's track is too old, a
-      reference is no number, or somebody asks for it. A gait is stopped and brings the robot to rest on both feet;
+    - *Hold* (:meth:`hold`), where the state is sound but the task cannot go on: an obstacle's track is too old, or
+      nothing could keep the robot away from it; a reference is no number; a motion, gait or sensor raises an error,
+      which is logged; or somebody asks for it. A gait is stopped and brings the robot to rest on both feet;
       without one the references freeze. Hands stay where they are asked to be. The controller goes on keeping balance,
       among the obstacles last known, at rest.
     - *Fade-out*, where the state or the controller cannot be trusted: see :class:`controllers.supervisor.Supervisor`.
@@ -93,6 +99,7 @@ class Agent:
         reference: of all tasks; after :meth:`reset`.
         gait: as made; ``None`` for none.
         motions: applied in their order, after the gait.
+        refused: number of detections that came too late, or with a stamp that is none.
         known: obstacles that need no sensor, by name: where they are now, to be kept up to date from outside.
 
     Raises:
@@ -124,7 +131,8 @@ class Agent:
         self.gait: Gait | None = None
         self.motions: list[Motion] = []
         self.known: Mapping[str, Obstacle] = {}
-        self._begun, self._start_time = False, 0.0
+        self.refused = 0
+        self._begun, self._start_time, self._stamp = False, 0.0, 0.0
         self.controller.kin.update_geometry(standing_configuration(robot))
         self.reference = reference_here(self.controller.kin, with_hands)
         self._forget_everything()
@@ -171,7 +179,7 @@ class Agent:
             start: shape (nq,) configuration from which the references begin, where that is known better than it is
                 measured: a named posture that the robot was put in. That of ``state`` if not given.
         """
-        self._begun, self._start_time = True, state.stamp
+        self._begun, self._start_time, self._stamp = True, state.stamp, state.stamp
         controller, kin = self.controller, self.controller.kin
         begin = state if start is None else replace(state, q=start, v=np.zeros(kin.nv))
         kin.update(begin.q, begin.v)
@@ -193,20 +201,42 @@ class Agent:
 
         Returns:
             The command and what led to it; a command in every tick, whatever is wrong.
-
-        Raises:
-            ConfigError: detections are given to an agent without obstacle slots.
         """
         sound = self.supervisor.inspect(state)
         if sound and not self._begun:
-            self.reset(state)
+            self._begin(state)
+        self._stamp = state.stamp
         if sound:
             self.controller.update(state)
-            self._move_references(state)
-            self._observe(detections, state.stamp)
+            self._guard("references", partial(self._move_references, state))
+            self._guard("obstacles", partial(self._observe, detections, state.stamp))
         reference = self._asked_for()
         command, result = self.supervisor.respond(state, reference, self._obstacles)
+        if result is not None and result.safety.status == FilterStatus.FAILED and not all_finite(result.v_des):
+            self._refuse_references()
         return AgentOutput(command, result, reference, self._obstacles)
+
+    def _begin(self, state: RobotState) -> None:
+        """Start where nobody has; a stop that was asked for before stays."""
+        asked = self.supervisor.cause
+        self.reset(state)
+        if asked is not None:
+            self.supervisor.latch(asked, state.stamp)
+
+    def _guard(self, what: str, step: Callable[[], None]) -> None:
+        """Hold the robot where somebody's motion, gait or sensor raises: the motors get a command all the same."""
+        try:
+            step()
+        except Exception as error:
+            if self.supervisor.cause is None:
+                LOGGER.exception("%s: the robot is held", what)
+            self.supervisor.latch(f"{what}: {type(error).__name__}: {error}", self._stamp)
+
+    def _refuse_references(self) -> None:
+        """Hold a robot that was asked for what is no number; without a gait where it stands."""
+        self.supervisor.latch("the references are not finite", self._stamp)
+        if self.gait is None:
+            self._frozen = reference_here(self.controller.kin, self.controller.with_hands)
 
     def references_at(self, state: RobotState) -> WholeBodyReference:
         """What would be asked for at a sound state, without a command: the motion that gait and motions have in mind.
@@ -217,9 +247,9 @@ class Agent:
         self._move_references(state)
         return self._asked_for()
 
-    def hold(self, cause: str, stamp: float) -> None:
-        """Stop the task for ``cause``, from the tick at ``stamp`` [s] on, and keep balance; the first cause stays."""
-        self.supervisor.latch(cause, stamp)
+    def hold(self, cause: str) -> None:
+        """Stop the task for ``cause`` from the next tick on, and keep balance; the first cause stays."""
+        self.supervisor.latch(cause, self._stamp)
 
     def forget(self, name: str) -> None:
         """The obstacle of this name is gone."""
@@ -229,22 +259,31 @@ class Agent:
     # -- obstacles
 
     def _observe(self, detections: Sequence[Detection], stamp: float) -> None:
-        """Bring the tracks up to ``stamp`` [s]; one that is too old holds the robot, among what was known last."""
-        if detections and self.tracker is None:
-            raise ConfigError("obstacle_slots", self._slots.kinds, f"a slot for {detections[0].name}")
+        """Bring the tracks up to ``stamp`` [s]; one that is too old holds the robot, among what was known last.
+
+        So does an obstacle of a kind that there is no slot for at all: nothing would keep the robot away from it.
+        """
         if self.tracker is None:
+            if detections or self.known:
+                name = detections[0].name if detections else next(iter(self.known))
+                self.supervisor.latch(f"obstacle {name}: the agent has no obstacle slots", stamp)
             return
         for detection in detections:
             try:
                 self.tracker.observe(detection)
-            except ConfigError as error:
-                # a clock that went back, say; the track is as it was, and grows old
-                self.hold(f"detection of {detection.name}: {error}", stamp)
-        if fault := self.tracker.fault(stamp):
-            self.hold(fault, stamp)
+            except ConfigError:
+                # late, or on a clock that went back: the track is as it was, and grows old if no other comes
+                self.refused += 1
+        faults = self.tracker.faults(stamp)
+        if wanted := [fault for name, fault in faults.items() if self._slots.wants(name, self.tracker.kind(name))]:
+            self.supervisor.latch(wanted[0], stamp)
             self._obstacles = [obstacle.at_rest() for obstacle in self._obstacles]
-        else:
-            self._obstacles = self._slots.fill({**self.tracker.obstacles(stamp), **self.known}, self.controller.kin.com)
+            return
+        there = {**self.tracker.obstacles(stamp, faults), **self.known}
+        self._obstacles = self._slots.fill(there, self.controller.kin.com)
+        for name in self._slots.left_out:
+            if (kind := there[name].kind) not in self._slots.kinds:
+                self.supervisor.latch(f"obstacle {name} is a {kind}: the agent has no slot for one", stamp)
 
     # -- references
 
@@ -273,7 +312,7 @@ class Agent:
         axes = reference.hand_rotations or (STILL, STILL)
         for name, hand, rotation, turn in zip(HANDS, reference.hands, axes, reference.hand_turns, strict=True):
             if not all_finite(hand.position, hand.velocity, hand.acceleration, rotation, turn):
-                self.hold(f"reference of the {name} is not finite", stamp)
+                self.supervisor.latch(f"reference of the {name} is not finite", stamp)
                 self._send_hands_back()
                 return
         self._keep_hands()

@@ -1,6 +1,6 @@
 """Kalman filters of the obstacles that are detected, by name."""
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,7 +41,7 @@ class TrackingSettings:
 class ObstacleTracker:
     """Tracks obstacles by name; each gets a Kalman filter of its own with its first detection.
 
-    Orientation and size are those of the last detection.
+    Orientation and size are those of the last detection that its track accepted.
 
     Attributes:
         tracks: by name, in the order in which the obstacles were first detected.
@@ -60,14 +60,18 @@ class ObstacleTracker:
 
         Returns:
             Whether the track accepted a measurement; see :meth:`ObstacleTrack.measure`.
+
+        Raises:
+            ConfigError: the stamp is not finite or of the past; everything is as it was.
         """
         name = detection.name
-        if name not in self.tracks:
-            self.tracks[name] = ObstacleTrack(self._settings(name).track)
-        if detection.seen or name not in self._shapes:
-            self._shapes[name] = detection.shape
+        track = self.tracks.get(name) or ObstacleTrack(self._settings(name).track)
         position = detection.shape.position if detection.seen else None
-        return self.tracks[name].measure(position, detection.stamp, self._asked)
+        accepted = track.measure(position, detection.stamp, self._asked)
+        self.tracks[name] = track
+        if accepted or name not in self._shapes:
+            self._shapes[name] = detection.shape
+        return accepted
 
     def _settings(self, name: str) -> TrackingSettings:
         return self._own.get(name, self._usual)
@@ -77,21 +81,25 @@ class ObstacleTracker:
         self.tracks.pop(name, None)
         self._shapes.pop(name, None)
 
-    def fault(self, stamp: float) -> str | None:
-        """Which track is too old for ``stamp`` [s], or ahead of it, in words; ``None`` where all can be used."""
-        for name, track in self.tracks.items():
-            if fault := track.fault(stamp):
-                return f"track of {name} is {fault}"
-        return None
+    def kind(self, name: str) -> str:
+        """What kind of obstacle a track is of."""
+        return self._shapes[name].kind
 
-    def obstacles(self, stamp: float) -> dict[str, Obstacle]:
-        """The obstacles predicted to ``stamp`` [s], by name.
+    def faults(self, stamp: float) -> dict[str, str]:
+        """Which tracks are too old for ``stamp`` [s], or ahead of it: why, in words, by name."""
+        found = ((name, track.fault(stamp)) for name, track in self.tracks.items())
+        return {name: f"track of {name} is {fault}" for name, fault in found if fault}
+
+    def obstacles(self, stamp: float, without: Collection[str] = ()) -> dict[str, Obstacle]:
+        """The obstacles predicted to ``stamp`` [s], by name, but those ``without``.
 
         Raises:
-            ConfigError: a track is too old, or ahead; :meth:`fault` tells beforehand.
+            ConfigError: a track is too old, or ahead; :meth:`faults` tells beforehand.
         """
         out = {}
         for name, track in self.tracks.items():
+            if name in without:
+                continue
             kappa, velocities = self._settings(name).kappa, self._settings(name).velocity
             position, velocity = track.estimate(stamp)
             # without kappa the covariance is not needed

@@ -52,6 +52,11 @@ class ObstacleSlots:
         self._empty = tuple(far_away(kind) for kind in self.kinds)
         self._holder: list[str | None] = [None] * len(self.kinds)
 
+    def wants(self, name: str, kind: str) -> bool:
+        """Whether an obstacle matters: it has a slot, or one of its kind is free."""
+        free = any(holder is None and own == kind for holder, own in zip(self._holder, self.kinds, strict=True))
+        return free or name in self._holder
+
     def fill(self, obstacles: Mapping[str, Obstacle], centre: Array) -> list[Obstacle]:
         """An obstacle for each slot.
 

@@ -1,5 +1,6 @@
 """Watches the controller: what is wrong ends in a stop that is not left again, with its cause kept."""
 
+import logging
 from collections.abc import Sequence
 
 import numpy as np
@@ -11,6 +12,8 @@ from robots.description import RobotDescription
 from robots.messages import MotorCommand, RobotState
 from safety.filters.safety_filter import FilterStatus
 from safety.geometry.shapes import Obstacle
+
+LOGGER = logging.getLogger(__name__)
 
 MAX_FAILURES = 10
 """Ticks in a row without an answer of filter or DynWBC, or without a new state, after which the robot is stopped."""
@@ -94,9 +97,9 @@ class Supervisor:
     ) -> tuple[MotorCommand, TickResult | None]:
         """As :meth:`tick`, for a state that was inspected and that the controller was brought up to.
 
-        What the controller refuses with a ``ValueError`` (obstacles of another kind than announced, missing hands) or
-        cannot decompose fades the motors out, with the words of the error as the cause: the motors get a command in
-        every tick.
+        Whatever the controller raises fades the motors out, with the words of the error as the cause: the motors get a
+        command in every tick. What is no refusal of its own (obstacles of another kind than announced, missing hands)
+        but a mistake in a program, a barrier or task of one's own say, is logged with where it came from.
         """
         if self.fading:
             return self._fading_command(state.stamp), None
@@ -104,6 +107,10 @@ class Supervisor:
             result = self.controller.respond(state, reference, obstacles)
         except (ValueError, np.linalg.LinAlgError) as error:
             self._fade(f"the controller gives no command: {error}", state.stamp)
+            return self._fading_command(state.stamp), None
+        except Exception as error:
+            LOGGER.exception("the controller gives no command: the motors fade out")
+            self._fade(f"the controller gives no command: {type(error).__name__}: {error}", state.stamp)
             return self._fading_command(state.stamp), None
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._fade("the controller's command is not finite", state.stamp)
@@ -158,15 +165,28 @@ def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
         if not sound.all():
             i = int(np.argmin(sound))
             return f"measured {names(robot)[i]} is {values[i]:g}"
+    if fault := _describe_forces(robot, state):
+        return fault
+    length = float(state.q[3:7] @ state.q[3:7])
+    if abs(length - 1) > QUATERNION_TOLERANCE:
+        return f"measured base quaternion has length {length**0.5:g} instead of 1"
+    return None
+
+
+def _describe_forces(robot: RobotDescription, state: RobotState) -> str | None:
+    """What cannot be in measured torques, and forces under the feet, which may be missing."""
+    nj = len(robot.joint_names)
+    if state.tau.shape != (nj,):
+        return f"measured state has {state.tau.size} torques instead of {nj}"
+    if not all_finite(state.tau):
+        i = int(np.argmin(np.isfinite(state.tau)))
+        return f"measured torque of {robot.joint_names[i]} is {state.tau[i]:g}"
     if state.foot_forces is not None:
         if state.foot_forces.shape != (2,):
             return f"measured foot forces have {state.foot_forces.size} numbers instead of 2"
         for foot, force in zip(("left", "right"), state.foot_forces, strict=True):
             if not abs(force) <= LARGEST:
                 return f"measured force on the {foot} sole is {force:g}"
-    length = float(state.q[3:7] @ state.q[3:7])
-    if abs(length - 1) > QUATERNION_TOLERANCE:
-        return f"measured base quaternion has length {length**0.5:g} instead of 1"
     return None
 
 

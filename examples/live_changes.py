@@ -32,7 +32,7 @@ def main(duration: float = 6.0) -> tuple[float, float]:
             body.advance(agent.dt)
         distances.append(1e3 * float(np.linalg.norm(body.frame_position(name) - target)))
         print(f"{part}: the left hand is {distances[-1]:.1f} mm from its target")
-    agent.hold("the show is over", body.time)
+    agent.hold("the show is over")
     body.send(agent.tick(body.state()).command)
     print(f"stopped because {agent.stop_cause}")
     return distances[0], distances[1]

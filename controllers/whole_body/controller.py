@@ -236,6 +236,8 @@ class WholeBodyController:
         self._kin.update(state.q, state.v)
         self.kinwbc.reset()
         self.dynwbc.reset(state.tau)
+        if self.load is not None:
+            self.load.reset()
         self._safety.reset()
 
     def desired_velocity(self, reference: WholeBodyReference) -> Array:

@@ -31,6 +31,10 @@ class MassEstimator:
         self._time_constant = time_constant
         self.scale = 1.0
 
+    def reset(self) -> None:
+        """Begin again with the model's mass."""
+        self.scale = 1.0
+
     def update(self, foot_forces: Array, dt: float) -> float:
         """Take in the vertical forces (2,) [N] of one tick of ``dt`` [s]; returns the estimate.
 

@@ -36,7 +36,7 @@ class Ending(Observer):
         plant, agent, began = self._plant, loop.agent, loop.time - loop.agent.dt
         self.outcome.duration = plant.time
         if plant.unstable:
-            agent.hold("the simulation became unstable: try a smaller physics step", plant.time)
+            agent.hold("the simulation became unstable: try a smaller physics step")
             return True
         if self.outcome.fell_at is None and has_fallen(plant.true_state().q, plant.sole_corners(), self._stands_at):
             self.outcome.fell_at = plant.time

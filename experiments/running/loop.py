@@ -132,7 +132,8 @@ class ClosedLoop(Generic[AgentT]):
         book("rest")
         state = self.body.state()
         book("state")
-        detections = self.world.detections(self.time)
+        # on the clock of the state: a robot's does not begin at zero
+        detections = self.world.detections(state.stamp)
         book("world")
         began = time.perf_counter()
         output = self.agent.tick(state, detections)

@@ -257,16 +257,30 @@ def test_an_error_of_a_tick_after_a_stop_fades_out_under_the_first_cause(
     assert (supervisor.cause, supervisor.stopped_at) == ("first", 0.05)
 
 
-def test_a_mistake_in_the_program_is_not_taken_for_a_refusal(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_mistake_in_the_program_is_named_by_its_kind_and_logged(
+    monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
     g1 = load_robot("g1")
     supervisor, reference = supervised(g1)
+    sound, _ = supervisor.tick(at_rest(g1), reference)
 
     def mistaken(*_: object) -> TickResult:
         raise AttributeError("no such name")
 
     monkeypatch.setattr(supervisor.controller, "respond", mistaken)
-    with pytest.raises(AttributeError):
-        supervisor.tick(at_rest(g1), reference)
+    cause = "the controller gives no command: AttributeError: no such name"
+    assert_stopped_blindly(supervisor, sound, 0.1, lambda: supervisor.tick(at_rest(g1, stamp=0.1), reference), cause)
+    assert "mistaken" in caplog.text
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_a_torque_that_is_no_number_is_named(robot: RobotDescription, value: float) -> None:
+    state = at_rest(robot)
+    fault = describe_fault(robot, with_entry(state, "tau", 3, value))
+    assert fault == f"measured torque of {robot.joint_names[3]} is {value:g}"
+    assert describe_fault(robot, replace(state, tau=np.zeros(3))) == (
+        f"measured state has 3 torques instead of {len(robot.joints)}"
+    )
 
 
 # --- solvers without answer

@@ -10,6 +10,7 @@ from controllers.reference import WholeBodyReference
 from controllers.whole_body.config import ControllerConfig, FilterTuning, TaskTuning
 from controllers.whole_body.dynamics import DynamicLevel
 from controllers.whole_body.mass_estimator import MassEstimator
+from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.safety_level import SafetyLevel
 from controllers.whole_body.task_stack import PlacedTask, TaskStack
 from controllers.whole_body.warm_up import situations
@@ -191,8 +192,8 @@ class WholeBodyController:
 
         Args:
             name: of the filter.
-            safety: its parameters, weights and bounds; ``None``: those there are. What a robot's description has for
-                one filter only is in ``controller_config(robot, filter=name).safety``.
+            safety: parameters, weights and bounds; ``None``: those that the robot's description has for it, or where
+                others were set than the description has for the filter at work, these.
             adaptive: whether its epsilon is adapted; with ``issf`` only.
 
         Raises:
@@ -204,10 +205,13 @@ class WholeBodyController:
 
     def _with_filter(self, name: str, adaptive: bool, safety: FilterTuning | None) -> ControllerConfig:
         """The settings with another filter; parameters of its own belong to one filter only."""
-        if safety is None:
-            same = name == self._config.filter
-            safety = self._config.safety if same else replace(self._config.safety, own=None)
-        return replace(self._config, filter=name, adaptive=adaptive, safety=safety)
+        now = self._config
+        if safety is None and name != now.filter:
+            # what the description tuned for the filter at work need not be safe with another one
+            as_described = now.safety == controller_config(self.robot, filter=now.filter).safety
+            described = controller_config(self.robot, filter=name).safety
+            safety = described if as_described else replace(now.safety, own=described.own)
+        return replace(now, filter=name, adaptive=adaptive, safety=safety or now.safety)
 
     def set_safety(self, safety: FilterTuning) -> None:
         """Take other parameters (alpha, epsilon, margins, ...), weights and bounds of the filter from the next tick on.

@@ -6,10 +6,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from controllers.agent import Agent
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.whole_body.config import FilterTuning, TaskTuning
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from controllers.whole_body.robot_config import controller_config
+from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
 from robots.messages import Array, RobotState
@@ -222,3 +224,17 @@ def test_nothing_can_be_set_past_the_checks(name: str) -> None:
     for part in ("gains", "compensate_bias", "name"):
         with pytest.raises(AttributeError):
             setattr(controller.tasks["left_hand"], part, None)
+
+
+def test_another_filter_comes_with_what_the_description_has_for_it(robot: RobotDescription) -> None:
+    """What is tuned for ISSf-CBF is too bold for a CBF; what somebody has set himself is kept."""
+    agent = Agent(robot)
+    agent.controller.set_filter("cbf")
+    assert agent.controller.config.safety == controller_config(robot, filter="cbf").safety
+    agent.controller.set_filter("issf")
+    assert agent.controller.config.safety == controller_config(robot, filter="issf").safety
+    safety = agent.controller.config.safety
+    own = replace(safety, self_collision=replace(safety.self_collision, alpha=3.0))
+    agent.controller.set_safety(own)
+    agent.controller.set_filter("cbf")
+    assert agent.controller.config.safety == own

@@ -19,8 +19,9 @@ DATA = ("config.json", "summary.json", "series.npz")
 RUN_FILES = (*DATA, "report.html", "video.mp4")
 """Everything that belongs to a run and goes with it."""
 
-STAGED, EARLIER, LOCK = ".new", ".earlier", ".lock"
-"""Beside the files of a run: one that is being written, one that it takes the place of, and the mark of who writes."""
+STAGED, LEAVING, EARLIER, LOCK = ".new", ".leaving", ".earlier", ".lock"
+"""Beside the files of a run: one that is being written; the earlier one, file by file on its way aside; the same once it
+is there whole (empty: there was none); and the mark of who writes."""
 
 Writer = Callable[[Path], object]
 """Writes a file at the path that it is given."""
@@ -80,11 +81,11 @@ def claimed(folder: Path, overwrite: bool = False) -> Iterator[Path]:
 
 def holds_run(folder: Path) -> bool:
     """Whether a folder, or one directly in it, holds files of a run."""
-    return any((place / name).exists() for place in (folder, *_below(folder)) for name in DATA)
+    return any(run_file(place, name).exists() for place in (folder, *_below(folder)) for name in DATA)
 
 
 def _below(folder: Path) -> list[Path]:
-    return [p for p in folder.iterdir() if p.is_dir() and p.name not in (STAGED, EARLIER)]
+    return [p for p in folder.iterdir() if p.is_dir() and p.name not in (STAGED, LEAVING, EARLIER)]
 
 
 @contextmanager
@@ -152,8 +153,11 @@ def add_file(folder: Path, name: str, write: Writer) -> None:
 
 def run_file(folder: Path, name: str) -> Path:
     """Where a file of the run is that a folder holds, also after a writer was killed in the middle."""
-    aside = folder / EARLIER / name
-    return aside if aside.exists() else folder / name
+    if (folder / EARLIER).exists():
+        # what is beside it may be of another run
+        return folder / EARLIER / name
+    leaving = folder / LEAVING / name
+    return leaving if leaving.exists() else folder / name
 
 
 def write_json(name: str, table: Any) -> Writer:
@@ -174,26 +178,33 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _exchange(folder: Path, names: tuple[str, ...]) -> None:
-    """Put the staged files where those of an earlier run are; up to the last rename that run can be restored."""
-    earlier = folder / EARLIER
-    earlier.mkdir()
+    """Put the staged files where those of an earlier run are; up to the last rename that run can be restored.
+
+    As long as files leave, the folder has no new ones; before new ones come, the earlier run is aside whole.
+    """
+    leaving, earlier, gone = folder / LEAVING, folder / EARLIER, folder / f"{EARLIER}-gone"
+    leaving.mkdir()
     for name in RUN_FILES:
         if (folder / name).exists():
-            (folder / name).replace(earlier / name)
+            (folder / name).replace(leaving / name)
+    leaving.replace(earlier)
     for name in names:
         (folder / STAGED / name).replace(folder / name)
-    gone = folder / f"{EARLIER}-gone"
     earlier.replace(gone)
     shutil.rmtree(gone, ignore_errors=True)
 
 
 def _recover(folder: Path) -> None:
     """Bring a folder in order whose writer was killed: the run that it took away is put back."""
-    earlier = folder / EARLIER
+    leaving, earlier = folder / LEAVING, folder / EARLIER
     if earlier.exists():
-        for path in earlier.iterdir():
+        for name in RUN_FILES:
+            (folder / name).unlink(missing_ok=True)
+        earlier.replace(leaving)
+    if leaving.exists():
+        for path in leaving.iterdir():
             path.replace(folder / path.name)
-        earlier.rmdir()
+        leaving.rmdir()
     for left in (STAGED, f"{EARLIER}-gone"):
         shutil.rmtree(folder / left, ignore_errors=True)
 

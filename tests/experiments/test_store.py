@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from experiments.recording.store import DATA, RUN_FILES, add_file, claimed, run_file, write_run
+from experiments.recording.store import DATA, RUN_FILES, add_file, claimed, holds_run, run_file, write_run
 from robots.errors import ConfigError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -65,25 +65,56 @@ def replace(self, target):
     return os.replace(self, target)
 
 store.Path.replace = replace
-store.write_run(Path(sys.argv[1]), {name: lambda path: path.write_text("new") for name in store.DATA})
+if sys.argv[3:]:
+    store.write_run(Path(sys.argv[1]), {name: lambda path: path.write_text("new") for name in sys.argv[3:]})
+else:
+    with store.claimed(Path(sys.argv[1]), overwrite=True):
+        pass
 """
 
 
-def test_a_writer_that_is_killed_at_any_moment_leaves_one_whole_run(tmp_path: Path) -> None:
-    """Killed before each rename in turn, until it gets through: five files away, three in, one that seals it."""
-    renames = len(RUN_FILES) + len(DATA) + 1
+def killed(folder: Path, stop: int, *names: str) -> bool:
+    """Write a run of these files in a process that dies before this rename, or put the folder in order without any."""
+    command = [sys.executable, "-c", KILLED, str(folder), str(stop), *names]
+    code = subprocess.run(command, cwd=ROOT, check=False).returncode
+    assert code in (0, -signal.SIGKILL)
+    return code != 0
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(RUN_FILES, DATA), (DATA[:2], DATA), (DATA, DATA[:2]), ((), DATA)],
+    ids=["with a report", "without series", "with series", "none"],
+)
+def test_a_writer_that_is_killed_at_any_moment_leaves_one_whole_run(
+    tmp_path: Path, old: tuple[str, ...], new: tuple[str, ...]
+) -> None:
+    """Killed before each rename in turn, until it gets through: the old files away, that sealed, the new in, sealed."""
+    renames = len(old) + 1 + len(new) + 1
     for stop in range(1, renames + 2):
         folder = tmp_path / str(stop)
-        write_run(folder, run_of("old", RUN_FILES))
-        command = [sys.executable, "-c", KILLED, str(folder), str(stop)]
-        code = subprocess.run(command, cwd=ROOT, check=False).returncode
-        assert code == (-signal.SIGKILL if stop <= renames else 0)
-        whole = dict.fromkeys(RUN_FILES, "old") if stop <= renames else dict.fromkeys(DATA, "new")
+        write_run(folder, run_of("old", old))
+        assert killed(folder, stop, *new) == (stop <= renames)
+        whole = dict.fromkeys(old, "old") if stop <= renames else dict.fromkeys(new, "new")
         assert contents(folder) == whole
+        assert holds_run(folder) == bool(whole)
         # whoever claims the folder next puts it in order
         with claimed(folder, overwrite=True):
             pass
         assert sorted(p.name for p in folder.iterdir()) == sorted(whole)
+
+
+def test_who_puts_a_folder_in_order_may_be_killed_too(tmp_path: Path) -> None:
+    old, sealed = DATA[:2], len(DATA[:2]) + 1
+    for stop in range(1, len(old) + 3):
+        folder = tmp_path / str(stop)
+        write_run(folder, run_of("old", old))
+        assert killed(folder, sealed + len(DATA) + 1, *DATA)
+        assert killed(folder, stop) == (stop <= len(old) + 1)
+        assert contents(folder) == dict.fromkeys(old, "old")
+        with claimed(folder, overwrite=True):
+            pass
+        assert sorted(p.name for p in folder.iterdir()) == sorted(old)
 
 
 def test_a_folder_that_holds_a_run_is_not_taken_in_silence(tmp_path: Path) -> None:

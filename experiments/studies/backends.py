@@ -65,6 +65,11 @@ def _prepare(prepare: Callable[[], None]) -> None:
 class Backend(Protocol):
     """Evaluates jobs, side by side."""
 
+    @property
+    def in_driver(self) -> bool:
+        """Whether jobs are done in the driver's own process: one that takes its process down takes the driver down."""
+        ...
+
     def run(self, jobs: Sequence[Job]) -> Iterator[str]:
         """Keys, in the order in which the jobs are done.
 
@@ -98,6 +103,11 @@ class LocalBackend:
     def __post_init__(self) -> None:
         require_between("jobs", self.jobs, 1, 64)
 
+    @property
+    def in_driver(self) -> bool:
+        """See :class:`Backend`."""
+        return self.jobs == 1
+
     def run(self, jobs: Sequence[Job]) -> Iterator[str]:
         """See :class:`Backend`."""
         return self._run(jobs, self.jobs)
@@ -125,6 +135,11 @@ class DaskBackend:
     """
 
     client: Any
+
+    @property
+    def in_driver(self) -> bool:
+        """See :class:`Backend`."""
+        return False
 
     def run(self, jobs: Sequence[Job]) -> Iterator[str]:
         """See :class:`Backend`."""

@@ -80,6 +80,9 @@ def _survived(jobs: dict[str, Job], store: RowStore, backend: Backend) -> Iterat
         WorkerLostError: processes end again and again before they have begun a case.
     """
     idle_losses = 0
+    if backend.in_driver:
+        # an earlier driver may have ended in them, and this one would in its turn
+        yield from _suspects_alone(jobs, store, backend)
     while jobs:
         try:
             for key in backend.run(list(jobs.values())):
@@ -89,14 +92,18 @@ def _survived(jobs: dict[str, Job], store: RowStore, backend: Backend) -> Iterat
             for key in [key for key in jobs if key in store]:
                 del jobs[key]
                 yield key
-            suspects = [job for key, job in jobs.items() if store.was_begun(key)]
+            suspects = list(_suspects_alone(jobs, store, backend))
             idle_losses += not suspects
             if idle_losses > IDLE_LOSSES:
                 raise
-            for job in suspects:
-                _alone(job, store, backend)
-                del jobs[job.case.key]
-                yield job.case.key
+            yield from suspects
+
+
+def _suspects_alone(jobs: dict[str, Job], store: RowStore, backend: Backend) -> Iterator[str]:
+    """Keys of the jobs that were begun and not done, each evaluated alone and taken out of ``jobs``."""
+    for key in [key for key in jobs if store.was_begun(key)]:
+        _alone(jobs.pop(key), store, backend)
+        yield key
 
 
 def _alone(job: Job, store: RowStore, backend: Backend) -> None:

@@ -178,6 +178,41 @@ def test_a_case_that_takes_every_process_down_is_a_failure_row(ground: Playgroun
     assert [x for x, row in rows.items() if row["error"] is None] == [0, 1, 2, 4, 5, 7]
 
 
+def test_a_case_that_takes_the_driver_down_is_a_failure_row_of_the_next_one(ground: Playground) -> None:
+    ground.tell("kill", "6")
+    process = ground.start(jobs=1)
+    process.communicate(timeout=PATIENCE)
+    assert process.returncode == -signal.SIGKILL
+    ground.finish(jobs=1)
+    rows = {row["labels"]["x"]: row for row in ground.table()}
+    assert "ended" in rows[6]["error"]
+    assert [x for x, row in rows.items() if row["error"] is None] == [0, 1, 2, 4, 5, 7]
+
+
+def test_the_same_of_a_case_that_is_evaluated_while_no_other_is(tmp_path: Path) -> None:
+    program = (
+        "import os, sys; from pathlib import Path; sys.path.insert(0, sys.argv[1])\n"
+        "from study_driver import Square\n"
+        "from experiments.studies.case import Case, Study\n"
+        "from experiments.studies.engine import carry_out\n"
+        "if __name__ == '__main__':\n"
+        "    cases = [Case(f'x-{x}', {'x': x}, Square(x, sys.argv[3]), alone=True) for x in (1, 2)]\n"
+        "    carry_out(Study('times', cases), Path(sys.argv[2]))\n"
+    )
+    (tmp_path / "driver.py").write_text(program)
+    (tmp_path / "log.kill").write_text("1")
+    path = os.pathsep.join([str(ROOT), str(SCRIPT.parent)])
+    command = [sys.executable, "driver.py", str(SCRIPT.parent), "out", str(tmp_path / "log")]
+    codes = [
+        subprocess.run(command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, timeout=PATIENCE).returncode
+        for _ in range(2)
+    ]
+    assert codes == [-signal.SIGKILL, 0]
+    errors = [row.error for row in read_study(tmp_path / "out").rows()]
+    assert "ended" in str(errors[0])
+    assert errors[1] is None
+
+
 def test_interrupted_it_keeps_what_is_done(ground: Playground, untouched: list[dict[str, Any]]) -> None:
     ground.tell("hold", "7")
     process = ground.start()

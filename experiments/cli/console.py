@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rich.console import Console
 
-from experiments.recording.recording import Recording, save_recording
+from experiments.recording.recording import Recording, write_recording
 from experiments.recording.store import add_file
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
@@ -38,7 +38,7 @@ def run_and_save(scenario: Scenario, output: OutputOptions) -> int:
         warm_up(console, robot)
         with bars as advance, ask_to_stop() as asked:
             result = run_prepared(given, (Told(advance[0]), Interruption(asked.is_set)))
-        save_recording(result, folder)
+        write_recording(result, folder)
         show(runs_table([result]), console)
         write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", output, console)
     console.print(f"results: {folder}")

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Sequence
 
 from experiments.cli.console import exit_code, write_media
-from experiments.recording.recording import Recording, save_recording
+from experiments.recording.recording import Recording, write_recording
 from experiments.recording.store import write_run
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
@@ -31,7 +31,7 @@ def demo(options: DemoOptions) -> int:
         with bars as advance:
             results = _run_all(given, advance)
         for result, name in zip(results, FILTERS, strict=False):
-            save_recording(result, folder / name)
+            write_recording(result, folder / name)
         # pictures of an earlier demonstration go with it
         write_run(folder, {})
         show(runs_table(results), console)

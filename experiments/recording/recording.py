@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from experiments.recording.plain import plain
-from experiments.recording.store import run_file, write_json, write_run
+from experiments.recording.store import claimed, run_file, write_json, write_run
 from robots.collision_models import with_collision_model
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -52,13 +52,25 @@ class Recording:
     series: Mapping[str, NDArray[Any]]
 
 
-def save_recording(result: Recording, folder: Path, series: bool = True) -> None:
-    """Write ``config.json``, ``summary.json`` and ``series.npz`` in place of a run that the folder held, all or none.
+def save_recording(result: Recording, folder: Path, series: bool = True, overwrite: bool = False) -> None:
+    """Write ``config.json``, ``summary.json`` and ``series.npz``, all or none.
 
     Args:
         result: the run.
         folder: where to; made when missing.
         series: whether the arrays are written too; without them a run can be made again, but not looked at.
+        overwrite: whether it may take the place of a run that the folder holds.
+
+    Raises:
+        ConfigError: the folder holds a run, cannot be written, or is written to by another process; config or summary
+            holds what JSON cannot.
+    """
+    with claimed(folder, overwrite):
+        write_recording(result, folder, series)
+
+
+def write_recording(result: Recording, folder: Path, series: bool = True) -> None:
+    """:func:`save_recording` in place of what the folder holds, for who has claimed it already.
 
     Raises:
         ConfigError: the folder cannot be written, or config or summary holds what JSON cannot.

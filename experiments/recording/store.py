@@ -68,9 +68,8 @@ def claimed(folder: Path, overwrite: bool = False) -> Iterator[Path]:
         with _locked(folder):
             _recover(folder)
             if not overwrite and holds_run(folder):
-                raise ConfigError(
-                    "out", str(folder), "a folder without a run, or with --overwrite where the command has it"
-                )
+                allowed = "a folder without a run, or with --overwrite (overwrite=True) where there is such a choice"
+                raise ConfigError("out", str(folder), allowed)
             yield folder
     finally:
         if made:

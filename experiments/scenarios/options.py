@@ -71,7 +71,7 @@ class OutputOptions:
     """Where results go."""
 
     out: Path | None = None
-    """Folder of the results; runs/<experiment>-<time> if not given."""
+    """Folder of the results; runs/<scenario>-<time> if not given."""
     report: bool = True
     """Write report.html."""
     video: bool = True

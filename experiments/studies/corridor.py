@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from experiments.recording.recording import save_recording
+from experiments.recording.recording import write_recording
 from experiments.recording.store import add_file, write_json, write_run
 from experiments.reports.corridor_table import corridor_table
 from experiments.reports.table import show
@@ -101,7 +101,7 @@ def save_corridor(
         ConfigError: the folder cannot be written.
     """
     for case, loop, run in zip(cases, loops, runs, strict=False):
-        save_recording(recording_of(case, loop, run), folder / run.name)
+        write_recording(recording_of(case, loop, run), folder / run.name)
     # pictures of earlier runs go with them
     write_run(folder, {})
     add_file(folder, "filters.json", write_json("filters", [run.summary for run in runs]))

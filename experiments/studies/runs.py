@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.recording.recording import Recording, save_recording
+from experiments.recording.recording import Recording, write_recording
 from experiments.running.run import run
 from experiments.running.run_rows import run_row
 from experiments.scenarios.scenario import Runnable
@@ -38,7 +38,7 @@ class Run:
         start = time.process_time()
         result = run(self.scenario)
         if self.folder is not None:
-            save_recording(result, store.folder / self.folder, self.series)
+            write_recording(result, store.folder / self.folder, self.series)
         return {**self.measure(result), "cpu_s": time.process_time() - start}
 
 

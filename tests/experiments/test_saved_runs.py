@@ -19,7 +19,7 @@ from experiments.recording.recording import (
     save_recording,
     setting,
 )
-from experiments.recording.store import prepare_folder
+from experiments.recording.store import claimed, prepare_folder
 from robots.errors import ConfigError
 from tests.support.made_runs import made_run
 
@@ -37,6 +37,20 @@ def test_a_saved_result_is_loaded_as_it_was(tmp_path: Path) -> None:
     for name, values in result.series.items():
         np.testing.assert_array_equal(loaded.series[name], values)
         assert loaded.series[name].dtype == values.dtype
+
+
+def test_a_run_in_the_folder_is_overwritten_on_purpose_only(tmp_path: Path) -> None:
+    save_recording(made_run(ticks=2), tmp_path / "run")
+    with pytest.raises(ConfigError, match=r"overwrite=True"):
+        save_recording(made_run(ticks=3), tmp_path / "run")
+    assert len(load_recording(tmp_path / "run").series["time"]) == 2
+    save_recording(made_run(ticks=3), tmp_path / "run", overwrite=True)
+    assert len(load_recording(tmp_path / "run").series["time"]) == 3
+
+
+def test_a_folder_that_another_run_is_writing_to_is_left_alone(tmp_path: Path) -> None:
+    with claimed(tmp_path / "run") as folder, pytest.raises(ConfigError, match="no other run is writing to"):
+        save_recording(made_run(ticks=2), folder, overwrite=True)
 
 
 def test_the_summary_is_plain_json_in_its_own_order(tmp_path: Path) -> None:

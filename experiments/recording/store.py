@@ -20,8 +20,8 @@ RUN_FILES = (*DATA, "report.html", "video.mp4")
 """Everything that belongs to a run and goes with it."""
 
 STAGED, LEAVING, EARLIER, LOCK = ".new", ".leaving", ".earlier", ".lock"
-"""Beside the files of a run: one that is being written; the earlier one, file by file on its way aside; the same once it
-is there whole (empty: there was none); and the mark of who writes."""
+"""Beside the files of a run: one that is being written; the earlier one on its way aside, file by file; the same once
+it is there whole (empty: there was none); and the mark of who writes."""
 
 Writer = Callable[[Path], object]
 """Writes a file at the path that it is given."""

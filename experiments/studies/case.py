@@ -33,6 +33,7 @@ class Case:
         evaluate: gives its metrics.
         folder: where the run is saved, below the folder of the study; ``None``: nowhere.
         alone: whether it is evaluated after all others, by one process while no other evaluates any: for times.
+        files: that it leaves in ``folder``; where one of them is missing it is evaluated again.
     """
 
     key: str
@@ -40,6 +41,7 @@ class Case:
     evaluate: Evaluate
     folder: str | None = None
     alone: bool = False
+    files: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         if not KEY.fullmatch(self.key):

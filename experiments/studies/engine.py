@@ -20,7 +20,7 @@ IDLE_LOSSES = 3
 
 
 def carry_out(study: Study, folder: Path, backend: Backend | None = None, retry_failed: bool = False) -> list[Row]:
-    """Evaluate the cases that have no row yet, and write the results file.
+    """Evaluate the cases that are not done yet, and write the results file.
 
     Args:
         study: what to do.
@@ -32,7 +32,7 @@ def carry_out(study: Study, folder: Path, backend: Backend | None = None, retry_
         A row for every case, in their order.
 
     Raises:
-        ConfigError: another process is at work in the folder, or it cannot be written.
+        ConfigError: another process is at work in the folder, it is that of another study, or it cannot be written.
     """
     return list(rows_of(study, folder, backend, retry_failed))
 
@@ -44,10 +44,10 @@ def rows_of(study: Study, folder: Path, backend: Backend | None = None, retry_fa
     """
     store = RowStore(folder.resolve())
     with store.driver():
+        write_index(study, store.folder)
         if retry_failed:
             store.forget_failures()
-        write_index(study, store.folder)
-        todo = [case for case in study.distinct() if case.key not in store]
+        todo = [case for case in study.distinct() if not store.is_done(case)]
         missing = {case.key for case in todo}
         done = _evaluated(study, todo, store, LocalBackend(2) if backend is None else backend)
         rows = []
@@ -89,7 +89,7 @@ def _survived(jobs: dict[str, Job], store: RowStore, backend: Backend) -> Iterat
                 del jobs[key]
                 yield key
         except WorkerLostError:
-            for key in [key for key in jobs if key in store]:
+            for key in [key for key, job in jobs.items() if store.is_done(job.case)]:
                 del jobs[key]
                 yield key
             suspects = list(_suspects_alone(jobs, store, backend))
@@ -110,5 +110,5 @@ def _alone(job: Job, store: RowStore, backend: Backend) -> None:
     try:
         backend.alone(job)
     except WorkerLostError:
-        if job.case.key not in store:
+        if not store.is_done(job.case):
             store.record_failure(job.case, LOST)

@@ -1,5 +1,6 @@
 """The scenarios of a sweep: every combination of the values of its parameters, or a random sample of them."""
 
+import dataclasses
 import itertools
 import math
 from collections.abc import Iterator, Mapping, Sequence
@@ -147,7 +148,7 @@ def _cases(points: Sequence[Point], series: bool) -> tuple[Case, ...]:
         shared = labels.setdefault(case.key, dict(case.labels))
         shared.update({name: None for name in shared if shared[name] != case.labels[name]})
     distinct = {case.key: case for case in cases}
-    return tuple(Case(key, labels[key], case.evaluate, case.folder) for key, case in distinct.items())
+    return tuple(dataclasses.replace(case, labels=labels[key]) for key, case in distinct.items())
 
 
 def _notes(points: Sequence[Point], count: int) -> Iterator[str]:

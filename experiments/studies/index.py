@@ -43,10 +43,22 @@ class StudyFolder:
 
 
 def write_index(study: Study, folder: Path) -> None:
-    """Write ``study.json``."""
+    """Write ``study.json``.
+
+    Raises:
+        ConfigError: the folder is that of a study that has no case in common with this one.
+    """
+    if (folder / FILE).exists():
+        _refuse_another(study, read_study(folder))
     cases = [{"key": case.key, "labels": case.labels, "folder": case.folder} for case in study.cases]
     content = {"title": study.title, "command": study.command, "cases": cases}
     write_whole(folder / FILE, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
+
+
+def _refuse_another(study: Study, there: StudyFolder) -> None:
+    if {case["key"] for case in there.cases}.isdisjoint(case.key for case in study.cases):
+        allowed = f"a new folder, or one of this study; that one is of another: {there.title!r}, {there.command!r}"
+        raise ConfigError("out", str(there.folder), allowed)
 
 
 def read_study(folder: Path) -> StudyFolder:

@@ -61,7 +61,8 @@ def run_case(
         alone: as of :class:`~experiments.studies.case.Case`; such a run is never taken from one that was not.
     """
     key = f"{'alone-' if alone else ''}{run_key(scenario)}"
-    return Case(key, dict(labels), Run(scenario, folder, series, measure), folder, alone)
+    files = ("series.npz",) if series and folder is not None else ()
+    return Case(key, dict(labels), Run(scenario, folder, series, measure), folder, alone, files)
 
 
 def run_key(scenario: Runnable) -> str:

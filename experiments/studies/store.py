@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from experiments.recording.plain import plain
+from experiments.recording.store import run_file
 from experiments.studies.case import Case, Row
 from robots.errors import ConfigError, SafeWbcError
 
@@ -33,6 +34,10 @@ class RowStore:
     def __contains__(self, key: str) -> bool:
         return self._path(key).exists()
 
+    def is_done(self, case: Case) -> bool:
+        """Whether a case has its row and, unless it failed, the files that it leaves."""
+        return case.key in self and (self._has_files(case) or self.read(case).error is not None)
+
     def read(self, case: Case) -> Row:
         """The row of a case, with the labels that the case has now.
 
@@ -42,9 +47,9 @@ class RowStore:
         return row_from(read_json(self._path(case.key)), case.key, case.labels, case.folder)
 
     def obtain(self, case: Case) -> Row:
-        """The row of a case, which is evaluated and stored unless it is there."""
+        """The row of a case, which is evaluated and stored unless it is done."""
         with self._claim(case.key):
-            if case.key not in self:
+            if not self.is_done(case):
                 self._write(case, evaluated(case, self))
         self._claim_path(case.key).unlink(missing_ok=True)
         return self.read(case)
@@ -93,6 +98,9 @@ class RowStore:
                 allowed = "a folder that no other process is filling at this moment"
                 raise ConfigError("out", str(self.folder), allowed) from error
             yield
+
+    def _has_files(self, case: Case) -> bool:
+        return all(run_file(self.folder / str(case.folder), name).exists() for name in case.files)
 
     @contextmanager
     def _claim(self, key: str) -> Iterator[None]:

@@ -17,11 +17,13 @@ from typing import Any
 
 import pytest
 
+from experiments.scenarios.stand import Stand
 from experiments.studies.backends import LocalBackend, connect
 from experiments.studies.case import Case, Row, Study
 from experiments.studies.engine import carry_out, rows_of
 from experiments.studies.index import read_study
 from experiments.studies.results_file import columns, write_results
+from experiments.studies.runs import run_case
 from experiments.studies.store import RowStore, write_whole
 from robots.errors import ConfigError
 
@@ -203,10 +205,12 @@ def test_the_same_of_a_case_that_is_evaluated_while_no_other_is(tmp_path: Path) 
     (tmp_path / "log.kill").write_text("1")
     path = os.pathsep.join([str(ROOT), str(SCRIPT.parent)])
     command = [sys.executable, "driver.py", str(SCRIPT.parent), "out", str(tmp_path / "log")]
-    codes = [
-        subprocess.run(command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": path}, timeout=PATIENCE).returncode
-        for _ in range(2)
-    ]
+    environment = {**os.environ, "PYTHONPATH": path}
+
+    def start() -> int:
+        return subprocess.run(command, check=False, cwd=tmp_path, env=environment, timeout=PATIENCE).returncode
+
+    codes = [start(), start()]
     assert codes == [-signal.SIGKILL, 0]
     errors = [row.error for row in read_study(tmp_path / "out").rows()]
     assert "ended" in str(errors[0])
@@ -312,6 +316,39 @@ def test_failures_stay_until_they_are_to_be_tried_again(tmp_path: Path) -> None:
     again = carry_out(study, out, LocalBackend(1), retry_failed=True)
     assert [row.error for row in again] == [None, None]
     assert [row.metrics["calls"] for row in again] == [2, 1]
+
+
+def test_series_that_are_asked_for_later_are_made(tmp_path: Path) -> None:
+    def start(series: bool, scenario: Stand) -> Row:
+        case = run_case(scenario, {}, "runs/stand", series)
+        return carry_out(Study("series", [case]), tmp_path, LocalBackend(1))[0]
+
+    stand, file = Stand(duration=0.1), tmp_path / "runs" / "stand" / "series.npz"
+    start(False, stand)
+    assert not file.exists()
+    start(True, stand)
+    made = file.stat().st_mtime_ns
+    assert start(True, stand).error is None
+    assert file.stat().st_mtime_ns == made
+
+
+def test_a_failed_case_is_not_evaluated_again_for_the_files_that_it_did_not_leave(tmp_path: Path) -> None:
+    case = Case("a", {}, Counted(tmp_path / "log", fails=True), "runs/a", files=("series.npz",))
+    for _ in range(2):
+        assert carry_out(Study("fails", [case]), tmp_path / "out", LocalBackend(1))[0].error is not None
+    assert (tmp_path / "log").read_text() == "x"
+
+
+def test_the_folder_of_another_study_is_refused_and_left_as_it_is(tmp_path: Path) -> None:
+    task, out = Counted(tmp_path / "log"), tmp_path / "out"
+    first = Study("first", [Case("a", {}, task), Case("b", {}, task)], command="safewbc sweep stand")
+    carry_out(first, out, LocalBackend(1))
+    with pytest.raises(ConfigError, match=r"'first', 'safewbc sweep stand'"):
+        carry_out(Study("second", [Case("c", {}, task)]), out, LocalBackend(1), retry_failed=True)
+    assert [row.key for row in read_study(out).rows()] == ["a", "b"]
+    # one that has cases in common goes on
+    carry_out(Study("wider", [Case("b", {}, task), Case("c", {}, task)]), out, LocalBackend(1))
+    assert [row.key for row in read_study(out).rows()] == ["b", "c"]
 
 
 @dataclass(frozen=True)

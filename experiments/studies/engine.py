@@ -10,7 +10,7 @@ from experiments.studies.case import Case, Row, Study
 from experiments.studies.index import write_index
 from experiments.studies.progress import study_console, study_progress
 from experiments.studies.results_file import write_results
-from experiments.studies.store import RowStore
+from experiments.studies.store import RowStore, versions_now
 
 LOST = "WorkerLost: the process that evaluated it ended (killed, out of memory, or a crash in compiled code)"
 """Error of a case that takes its process down even when it is evaluated alone."""
@@ -49,6 +49,7 @@ def rows_of(study: Study, folder: Path, backend: Backend | None = None, retry_fa
             store.forget_failures()
         todo = [case for case in study.distinct() if not store.is_done(case)]
         missing = {case.key for case in todo}
+        _tell_of_versions([store.read(case) for case in study.distinct() if case.key not in missing])
         done = _evaluated(study, todo, store, LocalBackend(2) if backend is None else backend)
         rows = []
         for case in study.cases:
@@ -57,6 +58,16 @@ def rows_of(study: Study, folder: Path, backend: Backend | None = None, retry_fa
             rows.append(store.read(case))
             yield rows[-1]
         write_results(rows, store.folder)
+
+
+def _tell_of_versions(kept: Sequence[Row]) -> None:
+    """One line where rows that are kept were made with other versions of packages than new ones will be."""
+    now = versions_now()
+    others = [row.versions for row in kept if row.versions and row.versions != now]
+    if others:
+        pairs = {(n, v.get(n), now.get(n)) for v in others for n in {*v, *now} if v.get(n) != now.get(n)}
+        changes = ", ".join(sorted(f"{name} {before} (now {after})" for name, before, after in pairs))
+        study_console().print(f"rows that other versions of packages made and that are kept: {len(others)}; {changes}")
 
 
 def _evaluated(study: Study, todo: Sequence[Case], store: RowStore, backend: Backend) -> Iterator[str]:

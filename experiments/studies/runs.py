@@ -1,17 +1,19 @@
 """Runs of scenarios as cases of a study."""
 
+import functools
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from experiments.recording.recording import Recording, write_recording
+from experiments.recording.recording import Recording, description_digest, write_recording
 from experiments.running.run import run
 from experiments.running.run_rows import run_row
-from experiments.scenarios.scenario import Runnable
-from experiments.studies.case import Case
+from experiments.scenarios.corridor import corridor_robot
+from experiments.scenarios.scenario import Runnable, Scenario
+from experiments.studies.case import Case, content_key
 from experiments.studies.store import RowStore
-from robots.loader import load_robot
+from robots.loader import BUILT_IN, load_robot
 
 Measure = Callable[[Recording], Mapping[str, Any]]
 """Metrics of a run; has to survive pickling."""
@@ -66,8 +68,26 @@ def run_case(
 
 
 def run_key(scenario: Runnable) -> str:
-    """The scenario's name, and digits that stand for its content."""
-    return f"{scenario.name}-{scenario.key()}"
+    """The scenario's name, and digits that stand for its content and for all that its robot's description says.
+
+    Raises:
+        SafeWbcError: a file that the scenario names cannot be read, or the description is not as it should be.
+    """
+    return content_key(scenario.name, [scenario.key(), _robot_digest(scenario)])
+
+
+def _robot_digest(scenario: Runnable) -> str:
+    if not isinstance(scenario, Scenario):
+        return description_digest(corridor_robot())
+    if scenario.robot in BUILT_IN:
+        return _built_in_digest(scenario.robot)
+    # a file of the user's own may change at any time, and so may a URDF that it names
+    return description_digest(load_robot(scenario.robot))
+
+
+@functools.cache
+def _built_in_digest(robot: str) -> str:
+    return description_digest(load_robot(robot))
 
 
 @dataclass(frozen=True, slots=True)

@@ -147,7 +147,7 @@ def sound(row: Row) -> dict[str, Any]:
 def evaluated(case: Case, store: RowStore) -> Row:
     """Evaluate a case; what it raises becomes the error of its row."""
     # first: what is evaluated is stored at once, so that a kill between the two is as unlikely as can be
-    versions, start = _versions(), time.monotonic()
+    versions, start = versions_now(), time.monotonic()
     try:
         metrics, error = dict(case.evaluate(store)), None
         json.dumps(plain(metrics), allow_nan=False)
@@ -157,7 +157,8 @@ def evaluated(case: Case, store: RowStore) -> Row:
 
 
 @functools.cache
-def _versions() -> dict[str, str]:
+def versions_now() -> dict[str, str]:
+    """Versions of the packages that rows are made with now."""
     from experiments.metrics.balance import versions
 
     return versions()

@@ -5,6 +5,7 @@ import importlib.util
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -349,6 +350,49 @@ def test_the_folder_of_another_study_is_refused_and_left_as_it_is(tmp_path: Path
     # one that has cases in common goes on
     carry_out(Study("wider", [Case("b", {}, task), Case("c", {}, task)]), out, LocalBackend(1))
     assert [row.key for row in read_study(out).rows()] == ["b", "c"]
+
+
+def test_rows_of_other_versions_of_packages_are_kept_and_that_is_said(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study = Study("old", [Case(key, {}, Counted(tmp_path / "log")) for key in ("a", "b")])
+    carry_out(study, tmp_path / "out", LocalBackend(1))
+    carry_out(study, tmp_path / "out", LocalBackend(1))
+    assert "versions" not in capsys.readouterr().err
+    path = tmp_path / "out" / "rows" / "a.json"
+    row = json.loads(path.read_text())
+    path.write_text(json.dumps(row | {"versions": row["versions"] | {"python": "2.7"}}))
+    carry_out(study, tmp_path / "out", LocalBackend(1))
+    (told,) = [line for line in capsys.readouterr().err.splitlines() if "versions" in line]
+    assert told.endswith(f"kept: 1; python 2.7 (now {sys.version.split()[0]})")
+
+
+KEYS = """
+import sys
+from pathlib import Path
+from robots import loader
+from experiments.scenarios.stand import Stand
+from experiments.studies.runs import run_key
+
+if len(sys.argv) > 1:
+    loader.resources.files = lambda package: Path(sys.argv[1])
+print(run_key(Stand()), run_key(Stand(robot="tocabi")))
+"""
+
+
+def test_the_key_of_a_run_stands_for_the_description_that_comes_with_the_project_too(tmp_path: Path) -> None:
+    def keys(*arguments: str) -> list[str]:
+        command = [sys.executable, "-c", KEYS, *arguments]
+        return subprocess.run(command, cwd=ROOT, check=True, capture_output=True, text=True).stdout.split()
+
+    shutil.copytree(ROOT / "robots" / "data", tmp_path / "data")
+    assert keys(str(tmp_path)) == keys()
+    file = tmp_path / "data" / "g1.toml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(re.sub(r"(?m)^kp = .*$", "kp = 123.0", text, count=1), encoding="utf-8")
+    before, after = keys(), keys(str(tmp_path))
+    assert before[0] != after[0]
+    assert before[1] == after[1]
 
 
 @dataclass(frozen=True)

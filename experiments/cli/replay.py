@@ -17,7 +17,7 @@ from experiments.running.terminal import make_console, progress
 from experiments.running.warmup import warm_up
 from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.options import ReplayOptions
-from experiments.scenarios.registry import read_scenario
+from experiments.scenarios.registry import SCENARIO_FOLDER, read_scenario
 from experiments.scenarios.scenario import Runnable
 from robots.errors import ConfigError
 
@@ -41,7 +41,7 @@ def replay(options: ReplayOptions) -> int:
     saved = load_recording(options.folder)
     if "scenario" not in saved.config:
         raise ConfigError("config.json", sorted(saved.config), "of a run of this project, with the entry 'scenario'")
-    scenario = read_scenario(saved.config["scenario"])
+    scenario = read_scenario(saved.config["scenario"], saved.config.get(SCENARIO_FOLDER))
     warm_up(console, saved.robot)
     with progress(console, [f"{scenario.name}, {saved.robot.title}"], float(saved.summary["duration_s"])) as advance:
         again = _run_again(saved, scenario, advance[0])

@@ -20,7 +20,7 @@ from experiments.running.recorder import Recorder
 from experiments.running.reference_motion import reference_motion
 from experiments.running.world import RunWorld, World
 from experiments.scenarios.corridor_case import CorridorCase
-from experiments.scenarios.registry import SCENARIOS
+from experiments.scenarios.registry import SCENARIOS, folder_reference
 from experiments.scenarios.resolve import control_config, plant_config, reads
 from experiments.scenarios.scenario import Runnable, Scenario, Setup, reference_to
 from robots.checks import require_between, require_non_negative
@@ -200,6 +200,7 @@ def resolved_config(given: Prepared) -> dict[str, Any]:
     declared = () if type(scenario) in SCENARIOS else scenario.metrics
     return {
         "scenario": scenario.to_json(),
+        **folder_reference(type(scenario)),
         **robot_reference(scenario.robot),
         "robot_digest": description_digest(given.robot),
         "controller": dataclasses.asdict(given.control),

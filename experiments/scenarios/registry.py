@@ -3,6 +3,7 @@
 import os
 import sys
 from importlib import import_module
+from pathlib import Path
 from typing import Any
 
 from experiments.scenarios.content import from_plain
@@ -11,7 +12,7 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
 from experiments.scenarios.pushed import Pushed
 from experiments.scenarios.random_walk import RandomWalk
-from experiments.scenarios.scenario import Runnable, Scenario, split_table
+from experiments.scenarios.scenario import Runnable, Scenario, reference_to, split_table
 from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
@@ -31,9 +32,16 @@ SCENARIOS: tuple[type[Scenario], ...] = (
 RUNNABLE: tuple[type[Runnable], ...] = (*SCENARIOS, CorridorCase)
 """What folders of runs may hold."""
 
+SCENARIO_FOLDER = "scenario_folder"
+"""Entry of a configuration that says where the module of a scenario from outside the project came from."""
 
-def scenario_called(name: str) -> type[Runnable]:
+
+def scenario_called(name: str, folder: str | None = None) -> type[Runnable]:
     """The scenario of this name; ``module:Class`` is one from outside the project.
+
+    Args:
+        name: of the scenario.
+        folder: where a module is looked for before the working directory: see :func:`folder_reference`.
 
     Raises:
         UnknownNameError: there is none of this name.
@@ -44,7 +52,7 @@ def scenario_called(name: str) -> type[Runnable]:
         return known[name]
     if ":" not in name:
         raise UnknownNameError("scenario", name, [*known, "or module:Class of one's own"])
-    return _imported(name)
+    return _imported(name, folder)
 
 
 def own_scenario(reference: str) -> type[Scenario]:
@@ -59,12 +67,20 @@ def own_scenario(reference: str) -> type[Scenario]:
     return found
 
 
-def _imported(reference: str) -> type[Runnable]:
+def folder_reference(scenario: type[Runnable]) -> dict[str, str]:
+    """Entry of a configuration by which a scenario from outside the project is found from any working directory."""
+    top = sys.modules[scenario.__module__.partition(".")[0]]
+    # a package without __init__.py has folders only
+    places = [*getattr(top, "__path__", ()), getattr(top, "__file__", None)]
+    if ":" not in reference_to(scenario) or places[0] is None:
+        return {}
+    return {SCENARIO_FOLDER: str(Path(places[0]).resolve().parent)}
+
+
+def _imported(reference: str, folder: str | None = None) -> type[Runnable]:
     module, _, name = reference.partition(":")
-    here = os.getcwd()
     # last: no folder of the user's own may hide one of the project's
-    if here not in sys.path:
-        sys.path.append(here)
+    sys.path.extend(place for place in (folder, os.getcwd()) if place is not None and place not in sys.path)
     try:
         found = getattr(import_module(module), name)
     except (ImportError, AttributeError, ValueError) as error:
@@ -76,11 +92,15 @@ def _imported(reference: str) -> type[Runnable]:
     return found
 
 
-def read_scenario(table: Any) -> Runnable:
+def read_scenario(table: Any, folder: str | None = None) -> Runnable:
     """A scenario from the table that :meth:`Runnable.to_json` made of it.
+
+    Args:
+        table: that names the scenario, and holds its fields.
+        folder: as of :func:`scenario_called`.
 
     Raises:
         SafeWbcError: no such scenario, or a field is unknown or not of its type; names it and what is allowed.
     """
     reference, fields = split_table(table)
-    return from_plain(scenario_called(reference), fields, reference)
+    return from_plain(scenario_called(reference, folder), fields, reference)

@@ -82,7 +82,8 @@ class UnderACeiling(Scenario):
 
 def call(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     program = f"import sys; sys.path.insert(0, {str(ROOT)!r}); from experiments.cli.main import main; main()"
-    command = [sys.executable, "-c", program, *arguments]
+    # -P: as the installed script, which does not look into the working directory first
+    command = [sys.executable, "-P", "-c", program, *arguments]
     return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
@@ -106,6 +107,21 @@ def test_a_scenario_of_ones_own_is_a_command_with_a_report_and_can_be_replayed(
     scenario = read_scenario(result.config["scenario"])
     assert dataclasses.asdict(scenario)["ceiling"] == 0.95
     assert scenario.key() != dataclasses.replace(scenario, duration=0.3).key()
+
+
+@pytest.mark.parametrize("module", ["mine", "kit.mine"])
+def test_a_run_of_ones_own_scenario_is_replayed_from_any_folder(tmp_path: Path, module: str) -> None:
+    home, away = tmp_path / "home", tmp_path / "away"
+    for folder in (home / "kit", away):
+        folder.mkdir(parents=True)
+    (home / (module.replace(".", "/") + ".py")).write_text(OWN)
+    # one of the same name where the replay is started is not what ran
+    (away / "mine.py").write_text("raise SystemExit('another one')")
+    made = call(home, "run", f"{module}:UnderACeiling", "--duration", "0.1", "--no-video", "--no-report", "--out", "o")
+    assert made.returncode == 0, made.stderr
+    again = call(away, "replay", str(home / "o"))
+    assert again.returncode == 0, again.stderr
+    assert "identical" in again.stdout
 
 
 @pytest.mark.parametrize("name", ["nowhere:Nothing", "json:JSONDecoder", "experiments.scenarios.stand:Walk", ":x"])

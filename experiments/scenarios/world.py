@@ -20,6 +20,8 @@ VELOCITIES = ("estimated", "zero", "true")
 
 
 def _require_vector(name: str, value: Vector) -> None:
+    if len(value) != 3:
+        raise ConfigError(name, value, "three numbers: x, y and z")
     for x in value:
         require_finite(name, x)
 
@@ -52,6 +54,8 @@ class Capsule:
     def __post_init__(self) -> None:
         require_positive("capsule radius", self.radius)
         _require_vector("capsule axis", self.axis)
+        if not any(self.axis):
+            raise ConfigError("capsule axis", self.axis, "of some length; without any it is a sphere")
 
     def at(self, position: Array, velocity: Array) -> Obstacle:
         """As :meth:`Sphere.at`."""
@@ -71,6 +75,7 @@ class Box:
     rpy: Vector = (0.0, 0.0, 0.0)
 
     def __post_init__(self) -> None:
+        _require_vector("box half sizes", self.half_sizes)
         for size in self.half_sizes:
             require_positive("box half size", size)
         _require_vector("box rpy", self.rpy)
@@ -207,6 +212,8 @@ class Waypoints:
     points: tuple[Vector, ...]
 
     def __post_init__(self) -> None:
+        for point in self.points:
+            _require_vector("waypoint", point)
         self.motion()
 
     def motion(self) -> ObstacleMotion:

@@ -1,5 +1,6 @@
 """The world of a scenario: what is seen, known and true of it; whether it can be touched; when a robot has fallen."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import ClassVar
@@ -20,6 +21,7 @@ from experiments.scenarios.world import (
     Sphere,
     Straight,
     Wandering,
+    Waypoints,
     WorldObject,
 )
 from robots.description import RobotDescription
@@ -54,6 +56,24 @@ def test_each_sensor_has_random_numbers_of_its_own() -> None:
     assert not np.array_equal(a.shape.position, b.shape.position)
     (alone,) = World(bodies[:1], seed=4).detections(0.0)
     np.testing.assert_array_equal(alone.shape.position, a.shape.position)
+
+
+@pytest.mark.parametrize(
+    ("make", "told"),
+    [
+        (lambda: Capsule(0.1, (0.0, 0.0, 0.0)), "capsule axis = (0.0, 0.0, 0.0)"),
+        (lambda: Capsule(0.1, (0.0, 1.0)), "capsule axis = (0.0, 1.0)"),
+        (lambda: Straight((0.0, 0.0)), "straight motion start = (0.0, 0.0)"),
+        (lambda: Straight((0.0, 0.0, 1.0), (1.0,)), "straight motion velocity = (1.0,)"),
+        (lambda: Box((0.1, 0.1)), "box half sizes = (0.1, 0.1)"),
+        (lambda: HalfSpace((0.0, 1.0)), "half space normal = (0.0, 1.0)"),
+        (lambda: Waypoints((0.0, 1.0), ((0.0, 1.0), (2.0, 3.0), (4.0, 5.0))), "waypoint = (0.0, 1.0)"),
+    ],
+)
+def test_vectors_have_three_numbers_and_axes_a_length(make: Callable[[], object], told: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        make()
+    assert str(caught.value).startswith(told)
 
 
 def test_names_are_unique() -> None:

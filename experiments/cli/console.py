@@ -11,6 +11,7 @@ from experiments.recording.store import add_file
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.table import show
 from experiments.running.ending import INTERRUPTED, Interruption
+from experiments.running.guarded import ObserverError
 from experiments.running.recorder import Progress as Told
 from experiments.running.run import prepare, run_prepared
 from experiments.running.terminal import ask_to_stop, make_console, progress, results_folder
@@ -36,8 +37,12 @@ def run_and_save(scenario: Scenario, output: OutputOptions) -> int:
     bars = progress(console, [f"{robot.title}, {scenario.safety.filter}"], scenario.duration)
     with results_folder(output, name) as folder:
         warm_up(console, robot)
-        with bars as advance, ask_to_stop() as asked:
-            result = run_prepared(given, (Told(advance[0]), Interruption(asked.is_set)))
+        try:
+            with bars as advance, ask_to_stop() as asked:
+                result = run_prepared(given, (Told(advance[0]), Interruption(asked.is_set)))
+        except ObserverError as error:
+            write_recording(error.recording, folder)
+            raise
         write_recording(result, folder)
         show(runs_table([result]), console)
         write_media([result], folder, f"{name.capitalize().replace('-', ' ')}: {robot.title}", output, console)

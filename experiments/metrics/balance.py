@@ -134,7 +134,8 @@ def _planned_contact(series: dict[str, Array]) -> Mask:
 def summarise(series: dict[str, Array], outcome: Outcome) -> dict[str, Any]:
     """Figures that every experiment has, from the recorded series; times in s, lengths in m."""
     com_error = np.linalg.norm(series["com"] - series["com_ref"], axis=1)
-    settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration)]
+    # a run of one tick has none after half of it
+    settled = com_error[series["time"] >= min(SETTLING, 0.5 * outcome.duration, series["time"][-1])]
     out: dict[str, Any] = {
         "duration_s": round(outcome.duration, 9),
         "fell": outcome.fell_at is not None,

@@ -14,6 +14,7 @@ from experiments.metrics.catalogue import in_order
 from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
 from experiments.running.faults import BrokenEncoder
+from experiments.running.guarded import Guarded, ObserverError
 from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.recorder import Recorder
@@ -90,6 +91,7 @@ def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | Non
         The recording, not yet saved.
 
     Raises:
+        ObserverError: an observer raised; it holds the recording up to there.
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     if isinstance(scenario, CorridorCase):
@@ -116,7 +118,8 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     world = RunWorld(plant, agent, scenario.all_pushes(robot), given.world)
     body = plant if scenario.nan_at is None else BrokenEncoder(plant, scenario.nan_at)
     steps = round(agent.dt / plant.config.dt)
-    loop = ClosedLoop(body, agent, world, [recorder, *observers, ending], steps, laps)
+    guarded = [Guarded(observer) for observer in observers]
+    loop = ClosedLoop(body, agent, world, [recorder, *guarded, ending], steps, laps)
     laps.book("set-up")
     loop.run(scenario.duration)
     series = recorder.series() | {"support_polygon": polygon}
@@ -126,11 +129,15 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
         series["command"] = commands_at(setup.command, series["time"])
     measured = summarise(series, ending.outcome) | {"first_relaxed": recorder.first_relaxed}
     measured |= guarantee_figures(series, given.control, len(robot.leg_pairs)) | scenario.measure(robot, series)
-    cause = agent.stop_cause or next((o.ended_by for o in observers if o.ended_by), None)
+    cause = agent.stop_cause or next((o.ended_by for o in guarded if o.ended_by), None)
     stopped_at = agent.supervisor.stopped_at if agent.stop_cause else ending.outcome.duration
     summary = _head(given, cause, stopped_at) | measured | {"versions": versions()}
     laps.book("series and summary")
-    return Recording(robot, resolved_config(given), in_order(summary), series)
+    recording = Recording(robot, resolved_config(given), in_order(summary), series)
+    for observer in guarded:
+        if observer.error is not None:
+            raise ObserverError(str(observer.ended_by), recording) from observer.error
+    return recording
 
 
 def _body_and_agent(given: Prepared) -> tuple[MujocoPlant, Agent]:

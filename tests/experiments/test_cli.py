@@ -18,6 +18,7 @@ from experiments.cli import console
 from experiments.cli import main as cli
 from experiments.recording.recording import load_recording
 from experiments.running import terminal, warmup
+from experiments.running.loop import Observer
 from experiments.scenarios.options import OutputOptions, PlantOptions
 from experiments.scenarios.registry import SCENARIOS
 from experiments.scenarios.scenario import Scenario
@@ -404,6 +405,21 @@ def test_an_interrupted_run_says_so_and_leaves_no_empty_folder(
     assert outcome.code == 130
     assert outcome.err == "safewbc: interrupted\n"
     assert safewbc.files() == []
+
+
+def test_what_was_simulated_is_saved_when_an_observer_raises(
+    safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Broken(Observer):
+        def ended(self, loop: object) -> None:
+            raise OSError("terminal is gone")
+
+    run_prepared = console.run_prepared
+    monkeypatch.setattr(console, "run_prepared", lambda given, observers: run_prepared(given, (*observers, Broken())))
+    outcome = safewbc("run", "stand", "--duration", "0.1", "--out", "b", *QUICK)
+    assert outcome.code == 2
+    assert "Broken raised OSError: terminal is gone" in outcome.err
+    assert len(load_recording(safewbc.folder / "b").series["time"]) == 50
 
 
 def start_run(folder: Path, *arguments: str) -> subprocess.Popen[str]:

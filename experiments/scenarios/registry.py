@@ -69,7 +69,8 @@ def own_scenario(reference: str) -> type[Scenario]:
 
 def folder_reference(scenario: type[Runnable]) -> dict[str, str]:
     """Entry of a configuration by which a scenario from outside the project is found from any working directory."""
-    top = sys.modules[scenario.__module__.partition(".")[0]]
+    # one of a script that was read, not imported, has no module
+    top = sys.modules.get(scenario.__module__.partition(".")[0])
     # a package without __init__.py has folders only
     places = [*getattr(top, "__path__", ()), getattr(top, "__file__", None)]
     if ":" not in reference_to(scenario) or places[0] is None:

@@ -15,7 +15,7 @@ EXAMPLES = re.findall(r"```python\n(.*?)```", PAGE, flags=re.DOTALL)
 
 @pytest.mark.parametrize("code", EXAMPLES, ids=range(len(EXAMPLES)))
 def test_an_example_runs(code: str, capsys: pytest.CaptureFixture[str]) -> None:
-    scope: dict[str, Any] = {"__name__": "example"}
+    scope: dict[str, Any] = {"__name__": "__main__"}
     exec(compile(code, "docs/scenarios.md", "exec"), scope)
     assert capsys.readouterr().out
     if "result" in scope:

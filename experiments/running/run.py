@@ -151,11 +151,12 @@ def make_agent(given: Prepared, obstacle_slots: Sequence[str] = ()) -> Agent:
         given.robot,
         given.control,
         gait=setup.gait,
-        motions=() if setup.hands is None else (setup.hands,),
+        motions=setup.motions if setup.hands is None else (setup.hands, *setup.motions),
         with_hands=setup.hands is not None,
         obstacle_slots=obstacle_slots,
         tracking=given.world.tracking() if obstacle_slots else None,
         extra_barriers=given.scenario.extra_barriers,
+        extra_tasks=given.scenario.extra_tasks,
     )
 
 

@@ -124,7 +124,8 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in reference_series.items()}
     if setup.command is not None:
         series["command"] = commands_at(setup.command, series["time"])
-    measured = summarise(series, ending.outcome) | {"first_relaxed": recorder.first_relaxed}
+    measured = summarise(series, ending.outcome)
+    measured |= {"first_relaxed": recorder.first_relaxed, "filter_changed_at_s": recorder.filter_changed_at}
     measured |= guarantee_figures(series, given.control, len(robot.leg_pairs)) | scenario.measure(robot, series)
     cause = agent.stop_cause or next((o.ended_by for o in observers if o.ended_by), None)
     stopped_at = agent.supervisor.stopped_at if agent.stop_cause else ending.outcome.duration

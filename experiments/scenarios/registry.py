@@ -1,8 +1,5 @@
 """The scenarios by name, and how one from outside the project is found; nothing heavy is imported here."""
 
-import os
-import sys
-from importlib import import_module
 from typing import Any
 
 from experiments.scenarios.content import from_plain
@@ -16,6 +13,7 @@ from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError, UnknownNameError
+from robots.own_modules import import_own
 
 SCENARIOS: tuple[type[Scenario], ...] = (
     Stand,
@@ -60,17 +58,8 @@ def own_scenario(reference: str) -> type[Scenario]:
 
 
 def _imported(reference: str) -> type[Runnable]:
-    module, _, name = reference.partition(":")
-    here = os.getcwd()
-    # last: no folder of the user's own may hide one of the project's
-    if here not in sys.path:
-        sys.path.append(here)
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(
-            "scenario", reference, f"module:Class of a scenario that can be imported ({error})"
-        ) from error
+    module, name = import_own("scenario", reference)
+    found = getattr(module, name, None)
     if not (isinstance(found, type) and issubclass(found, Runnable)):
         raise ConfigError("scenario", reference, "a subclass of experiments.scenarios.scenario.Runnable")
     return found

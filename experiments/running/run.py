@@ -60,7 +60,8 @@ def prepare(scenario: Scenario) -> Prepared:
     setup = scenario.setup(robot)
     plant = plant_config(scenario.mismatch(robot))
     build_mujoco_spec(robot, plant.changes)
-    scenario.all_pushes(robot)
+    for push in scenario.all_pushes(robot):
+        _require_within("push time", push.time, scenario.duration)
     world = World(scenario.objects(robot), scenario.seed)
     return Prepared(scenario, robot, setup, control_config(robot, scenario, setup), plant, world)
 
@@ -76,6 +77,12 @@ def _check(scenario: Scenario) -> None:
     require_between("seed", scenario.seed, 0, 2**63 - 1)
     if scenario.nan_at is not None:
         require_non_negative("nan_at", scenario.nan_at)
+        _require_within("nan_at", scenario.nan_at, scenario.duration)
+
+
+def _require_within(name: str, time: float, duration: float) -> None:
+    if time >= duration:
+        raise ConfigError(name, time, f"within the run's {duration:g} s: it has no effect later")
 
 
 def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:

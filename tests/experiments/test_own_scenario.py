@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from experiments.recording.recording import load_recording
+from experiments.running.run import prepare
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
@@ -196,6 +197,11 @@ def test_pushes_and_a_world_come_back_from_json() -> None:
     again = read_scenario(json.loads(json.dumps(scenario.to_json())))
     assert again == scenario
     assert again.key() == scenario.key()
+
+
+def test_a_push_after_the_end_is_refused_however_it_was_given() -> None:
+    with pytest.raises(ConfigError, match=r"push time = 2\.0.*within the run's 2 s"):
+        prepare(Stand(duration=2.0, pushes=(Push(40.0, 90.0, 2.0),)))
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,3 @@ def place_segments(
             q = m[k] * end[i, 0] + m[3 + k] * end[i, 1] + m[6 + k] * end[i, 2] + m[9 + k]
             origin[i, k] = p
             direction[i, k] = q - p
-
-
-NO_PAIRS = np.zeros((0, 4), dtype=np.intp)
-"""A table without contacts."""

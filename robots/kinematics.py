@@ -186,13 +186,6 @@ class Kinematics:
         pin.updateFramePlacements(self.model, self.data)
         self.update_second_order()
 
-    def update_center_of_mass(self, q: Array, v: Array) -> None:
-        """Compute CoM, its velocity, and placements only, at ``q`` (nq,) and ``v`` (nv,)."""
-        np.copyto(self.q, q)
-        np.copyto(self.v, v)
-        pin.centerOfMass(self.model, self.data, self.q, self.v, False)
-        pin.updateFramePlacements(self.model, self.data)
-
     def update_second_order(self) -> None:
         """Compute ``joint_velocities`` and ``joint_accelerations`` at the state of the last :meth:`update`."""
         np.multiply(self.support, self.v, out=self._rates)
@@ -259,11 +252,6 @@ class Kinematics:
         """Jacobian (6, nv) of a frame: velocity of its origin, then angular; world axes, or its own if ``local``."""
         axes = pin.ReferenceFrame.LOCAL if local else pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
         return pin.getFrameJacobian(self.model, self.data, frame_id, axes)
-
-    def frame_velocity(self, frame_id: int) -> Array:
-        """Velocity (6,) of a frame: of its origin [m/s], then angular [rad/s], world axes."""
-        motion = pin.getFrameVelocity(self.model, self.data, frame_id, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
-        return motion.vector
 
     def integrate(self, q: Array, v: Array, dt: float) -> Array:
         """Configuration (nq,) after moving at ``v`` (nv,) for ``dt`` [s]."""

@@ -45,8 +45,6 @@ from safety.tracking import ObstacleTrack as ObstacleTrack, TrackerSettings as T
 from sims.kinematic import KinematicPlant as KinematicPlant
 from sims.obstacles import PositionSensor as PositionSensor, StraightMotion as StraightMotion
 from sims.plant import MujocoPlant as MujocoPlant, PlantConfig as PlantConfig, SensorNoise as SensorNoise
-from wbc.dynwbc import DynWbc as DynWbc
-from wbc.kinwbc import KinWbc as KinWbc
 from wbc.tasks.center_of_mass import CenterOfMassTask as CenterOfMassTask
 from wbc.tasks.frames import (
     FrameOrientationTask as FrameOrientationTask,

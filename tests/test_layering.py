@@ -41,24 +41,6 @@ FLOORS = {
 }
 """Sub-packages and modules of a package, from the ground up: each imports only what stands before it."""
 
-FLOORS = {
-    "safety": ("geometry", "tracking", "barriers", "filters"),
-    "controllers": (
-        "balance",
-        "perception",
-        "obstacle_tracker",
-        "policies",
-        "reference",
-        "motions",
-        "whole_body",
-        "gaits",
-        "supervisor",
-        "agent",
-    ),
-    "experiments": ("recording", "metrics", "reports", "scenarios", "running", "benchmarks", "studies", "cli"),
-}
-"""Sub-packages and modules of a package, from the ground up: each imports only what stands before it."""
-
 SOLVERS = {"daqp": "wbc/qp/daqp_solver.py", "proxsuite": "wbc/qp/proxqp_solver.py"}
 PLOTTING = ("matplotlib",)
 TESTS_ONLY = ("tests", "conftest", "pytest", "_pytest", "hypothesis", "coal")

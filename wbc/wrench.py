@@ -1,7 +1,6 @@
 """Contact wrench reference: from a commanded CoM acceleration to a wrench for each foot. Compiled."""
 
 import numpy as np
-import pinocchio as pin
 from numba import types
 
 from robots.kernel_types import COLUMNS, FLAGS, MATRIX, PLACES, VECTOR, njit
@@ -68,7 +67,7 @@ def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask, load_limits: Arr
         zmp: shape (2,) [m].
         centres: shape (2, 2) horizontal centres of left and right sole [m].
         in_contact: shape (2,) whether each foot is on the ground.
-        load_limits: shape (2,) largest share on each, 1 together at least, 1 and above for no limit; heeded where both
+        load_limits: shape (2,) largest share on each, 1 together at least, 1 and above for no limit; used where both
             are on the ground.
 
     Returns:
@@ -133,13 +132,3 @@ def reference_wrenches(
         zmp[k] = com[k] - acceleration[k] * (height / (GRAVITY + acceleration[2]))
     load = load_from_zmp(zmp, centres, in_contact, load_limits)
     return distribute_wrench(mass, com, acceleration, soles, load, half_sizes)
-
-
-def net_wrench(wrenches: Array, soles: list[tuple[Array, Array]], about: Array) -> Array:
-    """Sum (6,) about a world point of foot wrenches (6 n,) in sole axes: force, then moment, world axes."""
-    total = np.zeros(6)
-    for i, (rotation, position) in enumerate(soles):
-        force = rotation @ wrenches[6 * i : 6 * i + 3]
-        total[:3] += force
-        total[3:] += rotation @ wrenches[6 * i + 3 : 6 * i + 6] + pin.skew(position - about) @ force
-    return total

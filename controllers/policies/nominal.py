@@ -1,4 +1,4 @@
-"""Nominal policy of the benchmarks: hands and base go to their goals and heed nothing else."""
+"""Nominal policy of the benchmarks: hands and base go to their goals and take no account of anything else."""
 
 import math
 from collections.abc import Sequence

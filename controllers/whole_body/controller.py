@@ -127,7 +127,10 @@ class WholeBodyController:
 
     @property
     def tasks(self) -> TaskStack:
-        """The tasks by name: ``left_sole``, ``com``, ``torso``, ``left_hand``, ... and further ones."""
+        """The tasks by name: ``left_sole``, ``com``, ``torso``, ``left_hand``, ... and further ones.
+
+        Targets are set here for further tasks only: every tick sets those of the standard ones from its reference.
+        """
         return self._tasks.stack
 
     @property

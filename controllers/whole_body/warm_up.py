@@ -22,7 +22,7 @@ BEYOND = 2.0
 """How far joints are past their limits where no velocity within bounds can keep the conditions [rad]."""
 
 AWAY = 100.0
-"""Where obstacles are that nothing has to heed [m]."""
+"""Where obstacles are that are too far away to matter [m]."""
 
 ROUNDS = 4
 """How often to go through the situations: the interpreter adapts a function to its arguments in the first calls."""

@@ -44,7 +44,7 @@ class Scene:
         spread: how far from a body it is put, standard deviation [m].
         layout: ``around`` the bodies, ``shell`` at a fixed distance round the first of them, ``cluster`` on nearly the
             same spot, ``rising`` from below the feet, ``facing`` pairs that close on a body from both sides.
-        nearest: how many of the robot's collision bodies, those nearest to the left hand, heed them; 0: all.
+        nearest: how many of the robot's collision bodies, those nearest to the left hand, avoid them; 0: all.
         targets: whether the targets of hands and CoM jump.
     """
 

@@ -194,13 +194,16 @@ def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_p
     largest = _largest(disturbance)
     rows = int(series["h_self_collision"].shape[1]) > leg_pairs
     promise = safety_bounds(control.filter, control.safety.parameters()).get("self_collision") if rows else None
-    bound = None
-    if promise is not None and largest is not None:
-        bound = promise.bound(largest, float(series["gradient"][:, GUARANTEED.index("self_collision")].max()))
+    column, bound = GUARANTEED.index("self_collision"), None
+    running = series["h_bound"][:, column]
+    # not beyond a change of the filter
+    promised = np.isfinite(running) & np.isfinite(series["disturbance"])
+    if promise is not None and promised.any():
+        gradient = float(series["gradient"][promised, column].max())
+        bound = promise.bound(float(series["disturbance"][promised].max()), gradient)
     gap = family_minima(series, leg_pairs) - series["h_bound"]
     margins = {family: _smallest(g[np.isfinite(g)]) for family, g in zip(GUARANTEED, gap.T, strict=True)}
     own = [m for family, m in margins.items() if family != "obstacle" and m is not None]
-    running = series["h_bound"][:, GUARANTEED.index("self_collision")]
     return {
         "disturbance_max": largest,
         "disturbance_rms": float(np.sqrt(np.mean(disturbance**2))) if disturbance.size else None,

@@ -22,7 +22,7 @@ METRICS = (
         "",
         group="run",
         stored="",
-        meaning="name of the filter, see [safety.md](safety.md)",
+        meaning="name of the filter at the start, see [safety.md](safety.md)",
     ),
     Metric(
         "mass_scale",
@@ -258,6 +258,15 @@ METRICS = (
         "together; `null` where none was",
     ),
     Metric(
+        "filter_changed_at_s",
+        "filter changed at",
+        "s",
+        group="safety",
+        stored="s",
+        meaning="time of the first tick with another filter, or with other parameters of it, than at the start; the "
+        "bounds below end there; `null` without a change",
+    ),
+    Metric(
         "disturbance_max",
         "velocity error |d|, largest",
         "m/s, rad/s",
@@ -280,7 +289,7 @@ METRICS = (
         group="guarantee",
         stored="m",
         meaning="the self-collision barrier (legs apart) that the filter's condition guarantees for "
-        "`disturbance_max`; `null` where nothing is guaranteed",
+        "`disturbance_max`, that until `filter_changed_at_s` where there is one; `null` where nothing is guaranteed",
     ),
     Metric(
         "bound_running_min_m",

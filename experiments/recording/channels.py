@@ -317,7 +317,7 @@ CHANNELS = (
         "rad, m",
         "step",
         meaning="running bound on the smallest barrier of each of these families; NaN where nothing is guaranteed, "
-        "and once stopped",
+        "once stopped, and from a change of the filter on",
     ),
     Channel(
         "h_row_bound",

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from controllers.agent import Agent, AgentOutput
+from controllers.whole_body.config import ControllerConfig, FilterTuning
 from controllers.whole_body.controller import STAGES, TickResult
 from experiments.recording.columns import Columns
 from experiments.recording.recording import GUARANTEED, STOPPED, family_minima
@@ -43,6 +44,8 @@ class Recorder(Observer):
 
     Attributes:
         first_relaxed: which conditions were given up first, and when, in words; ``None`` where all held.
+        filter_changed_at: time of the first tick with another filter than at the start, or with other parameters of it
+            [s]; the bounds are those of the first one, and end there. ``None`` where there was none.
     """
 
     def __init__(
@@ -60,10 +63,12 @@ class Recorder(Observer):
         ticks = round(duration / agent.dt)
         self._ticks, self._steps = Columns(ticks), Columns(ticks * round(agent.dt / plant.config.dt))
         config = agent.controller.config
+        self._first_filter = _filter_of(config)
         self._promises = safety_bounds(config.filter, config.safety.parameters())
         promise = self._promises.get("self_collision")
         self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
         self.first_relaxed: str | None = None
+        self.filter_changed_at: float | None = None
         self._state = plant.true_state()
         self._zmp = plant.zero_moment_point()
         self._nowhere = np.full(self._state.v.size, np.nan)
@@ -72,6 +77,8 @@ class Recorder(Observer):
     def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
         """See :meth:`Observer.ticked`."""
         result = output.result
+        if self.filter_changed_at is None and _filter_of(self._agent.controller.config) != self._first_filter:
+            self.filter_changed_at = loop.time
         if self.first_relaxed is None and result is not None and result.safety.status == FilterStatus.RELAXED:
             labels = self._agent.controller.barriers.labels
             self.first_relaxed = f"at {loop.time:.3f} s: " + explain(result.safety, labels)
@@ -175,7 +182,11 @@ class Recorder(Observer):
         out["h_joint_limit"] = h[:, cut["joint_limit"]].min(axis=1)
         out["h_workspace"] = h[:, cut["workspace"]].copy()
         out["h_obstacle"] = h[:, cut.get("obstacle", slice(0))].min(axis=1, initial=np.inf)
-        return out | {"h_bound": self._bounds(out)}
+        out["h_bound"] = self._bounds(out)
+        if self.filter_changed_at is not None:
+            ended = out["step_time"] > self.filter_changed_at + 0.5 * self.plant.config.dt
+            out["h_bound"][ended], out["h_row_bound"][ended] = np.nan, np.nan
+        return out
 
     def _bounds(self, series: dict[str, Array]) -> Array:
         """Running bound of each family of ``GUARANTEED``, shape (P, 5); NaN where nothing is promised."""
@@ -189,6 +200,11 @@ class Recorder(Observer):
                 disturbance, gradient = series["disturbance"][1:], series["gradient"][1:, i]
                 bounds[1:, i] = promise.running_bound(h[0, i], disturbance, gradient, self.plant.config.dt)
         return bounds
+
+
+def _filter_of(config: ControllerConfig) -> tuple[str, bool, FilterTuning]:
+    """What bounds are promised by: the filter and its parameters."""
+    return config.filter, config.adaptive, config.safety
 
 
 class Progress(Observer):

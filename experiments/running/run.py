@@ -61,7 +61,8 @@ def prepare(scenario: Scenario) -> Prepared:
     setup = scenario.setup(robot)
     plant = plant_config(scenario.mismatch(robot))
     build_mujoco_spec(robot, plant.changes)
-    scenario.all_pushes(robot)
+    for push in scenario.all_pushes(robot):
+        _require_within("push time", push.time, scenario.duration)
     world = World(scenario.objects(robot), scenario.seed)
     return Prepared(scenario, robot, setup, control_config(robot, scenario, setup), plant, world)
 
@@ -77,6 +78,12 @@ def _check(scenario: Scenario) -> None:
     require_between("seed", scenario.seed, 0, 2**63 - 1)
     if scenario.nan_at is not None:
         require_non_negative("nan_at", scenario.nan_at)
+        _require_within("nan_at", scenario.nan_at, scenario.duration)
+
+
+def _require_within(name: str, time: float, duration: float) -> None:
+    if time >= duration:
+        raise ConfigError(name, time, f"within the run's {duration:g} s: it has no effect later")
 
 
 def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:
@@ -127,7 +134,8 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in reference_series.items()}
     if setup.command is not None:
         series["command"] = commands_at(setup.command, series["time"])
-    measured = summarise(series, ending.outcome) | {"first_relaxed": recorder.first_relaxed}
+    measured = summarise(series, ending.outcome)
+    measured |= {"first_relaxed": recorder.first_relaxed, "filter_changed_at_s": recorder.filter_changed_at}
     measured |= guarantee_figures(series, given.control, len(robot.leg_pairs)) | scenario.measure(robot, series)
     cause = agent.stop_cause or next((o.ended_by for o in guarded if o.ended_by), None)
     stopped_at = agent.supervisor.stopped_at if agent.stop_cause else ending.outcome.duration
@@ -158,11 +166,12 @@ def make_agent(given: Prepared, obstacle_slots: Sequence[str] = ()) -> Agent:
         given.robot,
         given.control,
         gait=setup.gait,
-        motions=() if setup.hands is None else (setup.hands,),
+        motions=setup.motions if setup.hands is None else (setup.hands, *setup.motions),
         with_hands=setup.hands is not None,
         obstacle_slots=obstacle_slots,
         tracking=given.world.tracking() if obstacle_slots else None,
         extra_barriers=given.scenario.extra_barriers,
+        extra_tasks=given.scenario.extra_tasks,
     )
 
 

@@ -48,7 +48,7 @@ class HandTracking(Scenario):
     obstacle_kappa: float = 0.0
     """Only with --obstacle: by how many standard deviations of its estimated position it is taken as larger [-]."""
     obstacle_lost_at: float | None = None
-    """Only with --obstacle: it is not seen any more from this time on, to see the controlled stop [s]."""
+    """Only with --obstacle: its sensor loses it at this time, to see the controlled stop [s]."""
 
     def setup(self, robot: RobotDescription) -> Setup:
         """Hands that move, on a robot that stands: see :meth:`Scenario.setup`."""

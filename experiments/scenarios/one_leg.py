@@ -38,8 +38,8 @@ to a limit, as on the G1, whose foot is then held 2 cm further in."""
 
 WORKSPACE_ALPHA, WORKSPACE_EPSILON = 10.0, 0.3
 """Of the workspace bounds [1/s, m s/rad^2], against 5 and 5 elsewhere. An arm that is nearly straight has a short
-gradient, so little margin by the ISSf term, while the body that carries it moves; and a joint with dry friction has to
-be told a velocity that is worth its while before it draws the arm in."""
+gradient, so little margin by the ISSf term, while the body that carries it moves; and a joint with dry friction draws
+the arm in only once its velocity command is large enough."""
 
 UP = 0.1
 """The foot counts as up from this height of its sole's centre over where it stood [m]."""

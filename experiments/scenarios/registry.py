@@ -1,8 +1,6 @@
 """The scenarios by name, and how one from outside the project is found; nothing heavy is imported here."""
 
-import os
 import sys
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +15,7 @@ from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError, UnknownNameError
+from robots.own_modules import import_own
 
 SCENARIOS: tuple[type[Scenario], ...] = (
     Stand,
@@ -79,15 +78,8 @@ def folder_reference(scenario: type[Runnable]) -> dict[str, str]:
 
 
 def _imported(reference: str, folder: str | None = None) -> type[Runnable]:
-    module, _, name = reference.partition(":")
-    # last: no folder of the user's own may hide one of the project's
-    sys.path.extend(place for place in (folder, os.getcwd()) if place is not None and place not in sys.path)
-    try:
-        found = getattr(import_module(module), name)
-    except (ImportError, AttributeError, ValueError) as error:
-        raise ConfigError(
-            "scenario", reference, f"module:Class of a scenario that can be imported ({error})"
-        ) from error
+    module, name = import_own("scenario", reference, folder)
+    found = getattr(module, name, None)
     if not (isinstance(found, type) and issubclass(found, Runnable)):
         raise ConfigError("scenario", reference, "a subclass of experiments.scenarios.scenario.Runnable")
     return found

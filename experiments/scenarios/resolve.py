@@ -5,7 +5,7 @@ from typing import Any
 
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.robot_config import controller_config
-from controllers.whole_body.tuning_file import read_tuning
+from controllers.whole_body.tuning_file import Tuning, read_tuning
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario, Setup
 from robots.checks import require_between
@@ -69,7 +69,9 @@ def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str,
     _refuse_without_effect(options)
     safety = base.safety
     if options.tuning is not None:
-        safety = read_tuning(options.tuning, robot.name).applied(safety)
+        tuning = read_tuning(options.tuning, robot.name)
+        _refuse_unread(tuning, options)
+        safety = tuning.applied(safety)
     if options.layer is not None:
         families = {f: dataclasses.replace(getattr(safety, f), layer=options.layer) for f in FAMILIES}
         safety = dataclasses.replace(safety, **families)
@@ -89,6 +91,18 @@ def _refuse_without_effect(options: FilterOptions) -> None:
             raise WithoutEffectError(
                 name, value, f"left out with --filter {options.filter}: only {', '.join(readers)} read it"
             )
+
+
+def _refuse_unread(tuning: Tuning, options: FilterOptions) -> None:
+    """A file for another filter may hold more than this one reads, but must not be without effect."""
+    given = {name for values in tuning.families.values() for name in values}
+    read = {name for name in given if name not in READERS or reads(options.filter, name)}
+    if given and (options.filter == "none" or not read):
+        raise WithoutEffectError(
+            "tuning",
+            str(options.tuning),
+            f"left out with --filter {options.filter}, which reads none of {sorted(given)}",
+        )
 
 
 def control_config(robot: RobotDescription, scenario: Scenario, setup: Setup | None = None) -> ControllerConfig:

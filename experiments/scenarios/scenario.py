@@ -20,6 +20,7 @@ from robots.errors import ConfigError
 if TYPE_CHECKING:
     from controllers.agent import MakeGait, MakeMotion
     from controllers.gaits.commands import CommandProfile
+    from controllers.whole_body.task_stack import PlacedTask
     from robots.description import RobotDescription
     from robots.kinematics import Kinematics
     from robots.messages import Array
@@ -36,6 +37,8 @@ class Setup:
     Attributes:
         posture: name of the posture it starts from.
         hands: makes the motion of the hands; ``None``: the hands are no task.
+        motions: each makes what moves other references, the targets of :meth:`Scenario.extra_tasks` say; after the
+            hands.
         gait: makes what moves feet and balance; ``None``: the robot stands on both feet.
         command: velocities that the gait is asked for, recorded as ``command``.
         changes: fields of the controller's configuration that the scenario sets.
@@ -45,6 +48,7 @@ class Setup:
 
     posture: str = "standing"
     hands: MakeMotion | None = None
+    motions: tuple[MakeMotion, ...] = ()
     gait: MakeGait | None = None
     command: CommandProfile | None = None
     changes: Mapping[str, Any] = field(default_factory=dict)
@@ -149,6 +153,10 @@ class Scenario(Runnable):
 
     def extra_barriers(self, kin: Kinematics) -> Sequence[Barrier]:
         """Barriers of one's own beside the standard ones, which the safety filter keeps too."""
+        return ()
+
+    def extra_tasks(self, kin: Kinematics) -> Sequence[PlacedTask]:
+        """Tasks of one's own among the standard ones; ``Setup.motions`` set their targets."""
         return ()
 
     def measure(self, robot: RobotDescription, series: Mapping[str, Array]) -> dict[str, Any]:

@@ -58,7 +58,7 @@ def walk_setup(
 
     settings = {"walking": dataclasses.asdict(tuning)}
     motion = _carried if hands else None
-    return Setup(walk_posture(hands), motion, gait, command, changes, settings)
+    return Setup(walk_posture(hands), motion, gait=gait, command=command, changes=changes, settings=settings)
 
 
 def _carried(robot: RobotDescription, reference: WholeBodyReference) -> Motion:

@@ -235,7 +235,7 @@ class Sensor:
     Attributes:
         rate: of the measurements [Hz].
         noise: standard deviation of each measured coordinate [m].
-        lost_at: it is not seen any more from then on [s]; ``None`` for never.
+        lost_at: when its sensor loses it for good [s]; ``None`` for never.
         velocity: what the filter is told of its velocity, one of ``VELOCITIES``.
         kappa: by how many standard deviations of its position it is taken as larger.
     """

@@ -67,7 +67,7 @@ class ObstacleBarrier(ContactBarrier):
     family = "obstacle"
 
     def __init__(self, bodies: CollisionBodies, kinds: Sequence[str], only: Sequence[str] | None = None) -> None:
-        """For obstacles of these ``kinds``; ``only`` names the bodies that heed them (``None``: all that can move)."""
+        """For obstacles of these ``kinds``; ``only`` names the bodies that avoid them (``None``: all that can move)."""
         require_kinds(kinds)
         for name in only or ():
             if name not in bodies.names:

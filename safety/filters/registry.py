@@ -8,16 +8,16 @@ names it in its entry points,
     [project.entry-points."safewbc.filters"]
     eager = "my_package.filters:EAGER"
 
-or by ``module:name``, for which the module is imported first: it registers the filter as it is imported. The last two
-work in every process, those of a study's workers too.
+under the filter's own name, or by ``module:name``, for which the module is imported first, from the working directory
+too: it registers the filter as it is imported. The last two work in every process, those of a study's workers too.
 """
 
 from collections.abc import Mapping
-from importlib import import_module
-from importlib.metadata import entry_points
+from importlib.metadata import EntryPoint, entry_points
 from types import MappingProxyType
 
 from robots.errors import ConfigError
+from robots.own_modules import import_own
 from safety.filters.conditions import SET_MARGINS, cbf, issf_cbf, ssa, sss, worst_row
 from safety.filters.filter_kind import FilterKind
 from safety.filters.pushes import CARTESIAN_PUSH, JOINT_PUSH, PASS_THROUGH
@@ -82,30 +82,37 @@ def filter_kind(name: str) -> FilterKind:
     """The filter of a name, or of ``module:name``; looked for among the registered ones, then among entry points.
 
     Raises:
-        ConfigError: there is no such filter, or the module cannot be found.
+        ConfigError: there is no such filter, its module cannot be imported, or its entry point has another name.
     """
     if not isinstance(name, str):
         raise ConfigError("filter", name, "a name")
     if (kind := _kinds.get(name)) is not None:
         return kind
-    module, _, own = name.rpartition(":")
-    if module:
-        return _of_module(module, own)
+    if ":" in name:
+        return _of_module(name)
     installed = entry_points(group=ENTRY_POINTS)
     if name in installed.names:
-        return register(installed[name].load())
+        return _of_package(installed[name])
     known = dict.fromkeys((*_kinds, *installed.names))
     raise ConfigError("filter", name, "one of " + ", ".join(known) + ", or module:name for one of your own")
 
 
-def _of_module(module: str, name: str) -> FilterKind:
+def _of_module(reference: str) -> FilterKind:
     """A filter that a module registers as it is imported."""
-    try:
-        import_module(module)
-    except ModuleNotFoundError as error:
-        raise ConfigError("filter", f"{module}:{name}", f"of a module that can be imported ({error})") from error
+    module, name = import_own("filter", reference)
     if name not in _kinds:
         raise ConfigError(
-            "filter", f"{module}:{name}", f"a filter that {module} registers; known are {', '.join(_kinds)}"
+            "filter", reference, f"a filter that {module.__name__} registers; known are {', '.join(_kinds)}"
         )
     return _kinds[name]
+
+
+def _of_package(entry: EntryPoint) -> FilterKind:
+    """A filter that an installed package names."""
+    try:
+        kind = register(entry.load())
+    except (ImportError, SyntaxError, AttributeError) as error:
+        raise ConfigError("filter", entry.name, f"one whose {entry.value} can be imported ({error})") from error
+    if kind.name != entry.name:
+        raise ConfigError("filter", entry.name, f"named as what its entry point gives: {kind.name}")
+    return kind

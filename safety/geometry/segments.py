@@ -91,25 +91,6 @@ def _parameters(a: float, e: float, b: float, c: float, f: float, feature: int) 
 
 
 @njit(cache=True, error_model="numpy")
-def closest_parameters(p0: Array, d1: Array, q0: Array, d2: Array) -> tuple[float, float]:
-    """Parameters in [0, 1] of the closest points of the segments p0 + s d1 and q0 + t d2 (each (3,), [m]).
-
-    Points count as segments of no length. Parallel segments that face each other touch along an interval; an end of it
-    is taken, whichever rounding makes the closer one. The rows of the ends hold the others (see
-    :class:`safety.barriers.self_collision.SelfCollisionBarrier`).
-    """
-    a = e = b = c = f = 0.0
-    for k in range(3):
-        r = p0[k] - q0[k]
-        a += d1[k] * d1[k]
-        e += d2[k] * d2[k]
-        b += d1[k] * d2[k]
-        c += d1[k] * r
-        f += d2[k] * r
-    return _parameters(a, e, b, c, f, CLOSEST)
-
-
-@njit(cache=True, error_model="numpy")
 def fallback_normal(d1: Array, d2: Array) -> tuple[float, float, float]:
     """Unit normal for centre lines that meet: across both segments, else across the longer one, else world x."""
     nx = d1[1] * d2[2] - d1[2] * d2[1]
@@ -268,7 +249,3 @@ def place_segments(
             q = m[k] * end[i, 0] + m[3 + k] * end[i, 1] + m[6 + k] * end[i, 2] + m[9 + k]
             origin[i, k] = p
             direction[i, k] = q - p
-
-
-NO_PAIRS = np.zeros((0, 4), dtype=np.intp)
-"""A table without contacts."""

@@ -15,7 +15,7 @@ from experiments.running.run import prepare, run
 from experiments.scenarios.options import FilterOptions
 from experiments.scenarios.resolve import control_config, filter_changes
 from experiments.scenarios.stand import Stand
-from robots.errors import ConfigError
+from robots.errors import ConfigError, WithoutEffectError
 from robots.loader import load_robot
 from safety.barriers.rows import FAMILIES
 
@@ -128,3 +128,25 @@ def test_a_run_takes_the_file_and_its_own_options_come_before(tmp_path: Path) ->
     options = Stand(duration=0.1, safety=FilterOptions(tuning=path))
     assert control_config(robot, options).safety == safety
     assert run(options).config["controller"]["safety"]["self_collision"]["epsilon"] == 0.7
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("none", "alpha = 7.0"),
+        ("none", "margin = 0.01"),
+        ("cbf", "epsilon = 2.0"),
+        ("ssa", "alpha = 7.0\nepsilon = 2.0"),
+    ],
+)
+def test_a_file_of_which_the_filter_reads_nothing_is_refused(tmp_path: Path, name: str, text: str) -> None:
+    path = written(tmp_path, f"[safety.obstacle]\n{text}")
+    with pytest.raises(WithoutEffectError, match=f"tuning.*--filter {name}"):
+        prepare(Stand(safety=FilterOptions(name, tuning=path)))
+
+
+@pytest.mark.parametrize(
+    ("name", "text"), [("cbf", "alpha = 7.0\nepsilon = 2.0"), ("ssa", "epsilon = 2.0\nmargin = 0.01")]
+)
+def test_a_file_may_hold_more_than_the_filter_reads(tmp_path: Path, name: str, text: str) -> None:
+    prepare(Stand(safety=FilterOptions(name, tuning=written(tmp_path, f"[safety.obstacle]\n{text}"))))

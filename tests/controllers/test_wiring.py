@@ -20,6 +20,7 @@ from robots.pinocchio_model import standing_configuration
 from safety.barriers.rows import FAMILIES
 from safety.filters.conditions import FamilyParameters
 from safety.filters.safety_filter import MetricWeights, SafetyFilter
+from tests.support.velocities import frame_velocity
 from wbc.dynwbc import DynWbcWeights
 from wbc.qp import ProxqpSolver
 
@@ -464,7 +465,7 @@ def test_the_soft_contact_term_stops_the_soles(robot: RobotDescription) -> None:
 
     def sole_velocities(t: float, acceleration: Array) -> Array:
         kin.update(kin.integrate(q, v + 0.5 * t * acceleration, t), v + t * acceleration)
-        return np.concatenate([kin.frame_velocity(case.frame(r)) for r in ("left_sole", "right_sole")])
+        return np.concatenate([frame_velocity(kin, case.frame(r)) for r in ("left_sole", "right_sole")])
 
     def sole_accelerations(acceleration: Array) -> Array:
         return (sole_velocities(step, acceleration) - sole_velocities(-step, acceleration)) / (2 * step)

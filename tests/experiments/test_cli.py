@@ -109,6 +109,7 @@ BAD: list[tuple[Sequence[str], Sequence[str]]] = [
     (["--physics-dt", "-0.001"], ["physics_dt", "-0.001", "0.0001 to 0.005"]),
     (["--seed", "-1"], ["seed", "-1", "from 0"]),
     (["--nan-at", "-1"], ["nan_at", "-1.0", "0 or above"]),
+    (["--nan-at", "10"], ["nan_at", "10.0", "within the run's 10 s"]),
     (["--noise-scale", "-1"], ["noise_scale", "-1.0", "0 to 100"]),
     (["--actuator-delay", "-0.1"], ["actuator_delay", "-0.1", "0 or above"]),
     (["--friction", "0"], ["friction", "0.0", "above 0"]),

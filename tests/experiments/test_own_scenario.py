@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from experiments.recording.recording import load_recording
+from experiments.running.run import prepare
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
@@ -124,6 +125,72 @@ def test_a_run_of_ones_own_scenario_is_replayed_from_any_folder(tmp_path: Path, 
     assert "identical" in again.stdout
 
 
+WITH_A_TASK = '''
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from controllers.whole_body.task_stack import PlacedTask
+from experiments.metrics.metric import Metric
+from experiments.scenarios.scenario import Scenario, Setup
+from robots.kinematics import Kinematics
+from robots.pinocchio_model import standing_configuration
+from wbc.tasks import FramePositionTask, TaskGains
+
+ELBOW = "left_elbow_link"
+
+
+def elbow(robot, q):
+    kin = Kinematics(robot)
+    kin.update_geometry(q)
+    return kin.frame_placement(kin.frame_id(ELBOW))[1].copy()
+
+
+@dataclass(frozen=True)
+class LiftedElbow(Scenario):
+    """Stand, and lift an elbow."""
+
+    name: ClassVar[str] = "lifted-elbow"
+    metrics: ClassVar[tuple[Metric, ...]] = (Metric("short_m", "elbow short of its target by", "mm", 1e3),)
+    angle: float = 0.3
+
+    def setup(self, robot):
+        return Setup(motions=(self.lift,))
+
+    def lift(self, robot, reference):
+        target = self.target(robot)
+
+        class Lift:
+            def apply(self, reference, t):
+                reference.extra["elbow"] = (target,)
+
+        return Lift()
+
+    def target(self, robot):
+        q = standing_configuration(robot)
+        q[7 + list(robot.joint_names).index("left_shoulder_roll_joint")] += self.angle
+        return elbow(robot, q)
+
+    def extra_tasks(self, kin):
+        task = FramePositionTask(kin.frame_id(ELBOW), TaskGains(5.0, 1.0), name="elbow")
+        return [PlacedTask(task, "other", 45)]
+
+    def measure(self, robot, series):
+        return {"short_m": float(np.linalg.norm(self.target(robot) - elbow(robot, series["q"][-1])))}
+'''
+
+
+def test_a_scenario_with_a_task_and_a_motion_of_its_own_has_a_report_and_can_be_replayed(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(WITH_A_TASK)
+    done = call(tmp_path, "run", "mine:LiftedElbow", "--duration", "1", "--no-video", "--out", "o")
+    assert done.returncode == 0, done.stderr
+    assert "elbow short of its target by" in (tmp_path / "o" / "report.html").read_text(encoding="utf-8")
+    assert load_recording(tmp_path / "o").summary["short_m"] < 0.01
+    again = call(tmp_path, "replay", "o")
+    assert again.returncode == 0, again.stdout + again.stderr
+
+
 @pytest.mark.parametrize("name", ["nowhere:Nothing", "json:JSONDecoder", "experiments.scenarios.stand:Walk", ":x"])
 def test_what_is_no_scenario_is_refused(name: str) -> None:
     with pytest.raises(ConfigError, match=r"^scenario = "):
@@ -146,6 +213,11 @@ def test_pushes_and_a_world_come_back_from_json() -> None:
     again = read_scenario(json.loads(json.dumps(scenario.to_json())))
     assert again == scenario
     assert again.key() == scenario.key()
+
+
+def test_a_push_after_the_end_is_refused_however_it_was_given() -> None:
+    with pytest.raises(ConfigError, match=r"push time = 2\.0.*within the run's 2 s"):
+        prepare(Stand(duration=2.0, pushes=(Push(40.0, 90.0, 2.0),)))
 
 
 @pytest.mark.parametrize(

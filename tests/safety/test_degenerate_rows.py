@@ -16,7 +16,7 @@ from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, standard_barriers
 from safety.geometry.boxes import TOUCHING
-from safety.geometry.segments import closest_parameters
+from safety.geometry.segments import CONTACT_SIZE, segment_contacts
 from safety.geometry.shapes import Obstacle
 from wbc.qp import UNBOUNDED, make_solver
 
@@ -40,7 +40,7 @@ class Rolling:
         self.half_sizes, self.length = 0.5 * np.array([size, size, deep]), length
         one = np.ones(1, dtype=np.intp)
         lines = {"origin": np.zeros((1, 3)), "direction": np.zeros((1, 3)), "radius": np.array([RADIUS])}
-        self.body = SimpleNamespace(names=("capsule",), carried=one > 0, proper=one > 0, joints=one, **lines)
+        self.body = SimpleNamespace(names=("capsule",), is_movable=one > 0, is_capsule=one > 0, joints=one, **lines)
         self.kin = SimpleNamespace(world_jacobian=FREE_BODY, support=SUPPORT)
         self.barrier = ObstacleBarrier(self.body, [kind])
 
@@ -364,9 +364,10 @@ def test_rows_of_a_box_are_its_distance_its_ends_and_the_edges_of_the_face_below
             corner = np.zeros(3)
             corner[face], corner[3 - face - axis], corner[axis] = np.sign(local[face]), side, -1
             start, along = centre + turn @ (corner * half), 2 * half[axis] * turn[:, axis]
-            s, t = closest_parameters(bodies.origin[i], bodies.direction[i], start, along)
-            gap = bodies.origin[i] + s * bodies.direction[i] - start - t * along
-            expected.append(np.linalg.norm(gap) - bodies.radius[i])
+            edge = np.empty((1, CONTACT_SIZE))
+            places = bodies.origin[i : i + 1], bodies.direction[i : i + 1], start[None], along[None]
+            segment_contacts(*places, np.zeros((1, 4), dtype=np.intp), edge)
+            expected.append(edge[0, 6] - bodies.radius[i])
         got = [rows.h[labels.index(f"{pair}, edge {e}")] for e in range(4)]
         np.testing.assert_allclose(sorted(got), sorted(expected), rtol=0, atol=1e-12)
         for name, end in (("start", bodies.origin[i]), ("end", bodies.origin[i] + bodies.direction[i])):

@@ -21,7 +21,6 @@ from safety.geometry.segments import (
     DEGENERATE,
     END_A,
     START_A,
-    closest_parameters,
     fallback_normal,
     half_space_contacts,
     point_contacts,
@@ -60,11 +59,17 @@ def random_capsule(rng: np.random.Generator, kind: str) -> Capsule:
     return Capsule(start, start if kind == "sphere" else end, rng.uniform(0.02, 0.4))
 
 
-def rows_of(a: Capsule, b: Capsule) -> tuple[float, Array]:
-    """Signed distance and gradient (6,) by the kernel, for A carried by a free joint and B fixed to the world."""
+def contact_of(a: Capsule, b: Capsule) -> Array:
+    """Contact (1, CONTACT_SIZE) of two centre lines by the kernel."""
     contacts = np.full((1, CONTACT_SIZE), np.nan)
     origin, direction = np.array([a.start, b.start]), np.array([a.direction, b.direction])
     segment_contacts(origin, direction, origin, direction, np.array([[0, 0, 1, 0]]), contacts)
+    return contacts
+
+
+def rows_of(a: Capsule, b: Capsule) -> tuple[float, Array]:
+    """Signed distance and gradient (6,) by the kernel, for A carried by a free joint and B fixed to the world."""
+    contacts = contact_of(a, b)
     return float(contacts[0, 6]) - a.radius - b.radius, gradient_of(contacts)
 
 
@@ -77,10 +82,12 @@ def gradient_of(contacts: Array) -> Array:
 
 
 def closest_points(a: Capsule, b: Capsule) -> tuple[Array, Array]:
-    s, t = closest_parameters(a.start, a.direction, b.start, b.direction)
-    assert 0.0 <= s <= 1.0
-    assert 0.0 <= t <= 1.0
-    return a.start + s * a.direction, b.start + t * b.direction
+    """Of two centre lines, which they lie on."""
+    contact = contact_of(a, b)[0]
+    p, q = contact[:3], contact[:3] - contact[6] * contact[3:6]
+    for point, line in ((p, a), (q, b)):
+        np.testing.assert_allclose(place_on(point, line), point, rtol=0, atol=1e-12)
+    return p, q
 
 
 def place_on(p: Array, a: Capsule) -> Array:

@@ -1,6 +1,7 @@
 """A filter from outside: registered by name, with parameters of its own, found by every way there is."""
 
 import re
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -178,14 +179,50 @@ def test_a_module_is_imported_for_the_filter_it_registers(
         filter_kind("no_such_module:slow")
 
 
+def test_a_module_of_the_working_directory_is_found(
+    forget: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "filters_from_here.py").write_text(SOURCE, encoding="utf-8")
+    monkeypatch.setattr(sys, "path", sys.path.copy())
+    monkeypatch.chdir(tmp_path)
+    assert filter_kind("filters_from_here:slow").name == "slow"
+
+
+@pytest.mark.parametrize("source", ["from os import no_such_name", "import no_such_module_at_all", "def ("])
+def test_a_module_that_cannot_be_imported_is_told(source: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "broken_filters.py").write_text(source, encoding="utf-8")
+    package(tmp_path, "broken = broken_filters:BROKEN")
+    monkeypatch.syspath_prepend(tmp_path)
+    for name in ("broken_filters:slow", "broken"):
+        with pytest.raises(ConfigError, match=f"filter = '{name}': must be .*can be imported"):
+            filter_kind(name)
+
+
+def package(folder: Path, entry: str) -> None:
+    """An installed package with an entry point."""
+    info = folder / "filters_of_a_package-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: filters-of-a-package\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[safewbc.filters]\n{entry}\n")
+
+
+def test_an_entry_point_has_the_name_of_its_filter_which_its_module_must_have(
+    forget: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "filters_of_another.py").write_text(SOURCE, encoding="utf-8")
+    package(tmp_path, "fast = filters_of_another:SLOW\nlost = filters_of_another:LOST")
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ConfigError, match=r"'fast'.*: slow"):
+        filter_kind("fast")
+    with pytest.raises(ConfigError, match=r"'lost'.*LOST"):
+        filter_kind("lost")
+
+
 def test_an_installed_package_names_its_filters_as_entry_points(
     forget: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (tmp_path / "filters_of_a_package.py").write_text(SOURCE, encoding="utf-8")
-    info = tmp_path / "filters_of_a_package-1.0.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: filters-of-a-package\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[safewbc.filters]\nslow = filters_of_a_package:SLOW\n")
+    package(tmp_path, "slow = filters_of_a_package:SLOW")
     monkeypatch.syspath_prepend(tmp_path)
     assert filter_kind("slow").title == "slow CBF"
     assert ControllerConfig(filter="slow").filter == "slow"

@@ -10,7 +10,7 @@ from robots.description import RobotDescription
 from robots.kinematics import Kinematics
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp, net_wrench, reference_wrenches
+from wbc.wrench import GRAVITY, distribute_wrench, load_from_zmp, reference_wrenches
 
 Soles = list[tuple[Array, Array]]
 WIDE = np.full((2, 2), 1e6)
@@ -50,7 +50,7 @@ def centres_of_pressure(wrenches: Array) -> Array:
 
 
 def sum_about(wrenches: Array, soles: Soles, about: Array) -> Array:
-    """Net wrench from one application point per foot: the independent form of ``net_wrench``."""
+    """Net wrench from one application point per foot."""
     force, moment = np.zeros(3), np.zeros(3)
     for part, (rotation, position) in zip(wrenches.reshape(-1, 6), soles, strict=True):
         f = rotation @ part[:3]
@@ -141,16 +141,6 @@ def test_inputs_are_not_written_to() -> None:
         assert np.array_equal(a, b)
 
 
-@given(seeds)
-def test_the_net_wrench_is_the_sum_and_shifts_with_its_point(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    soles, wrenches = random_soles(rng, 1.0), rng.normal(size=12)
-    a, b = rng.normal(size=(2, 3))
-    at_a, at_b = net_wrench(wrenches, soles, a), net_wrench(wrenches, soles, b)
-    np.testing.assert_allclose(at_a, sum_about(wrenches, soles, a), rtol=0, atol=1e-12)
-    np.testing.assert_allclose(at_b[3:], at_a[3:] + pin.skew(a - b) @ at_a[:3], rtol=0, atol=1e-12)
-
-
 def plain_wrenches(
     mass: float, com: Array, acceleration: Array, soles: Soles, contact: Array, limits: Array, half: Array
 ) -> Array:
@@ -207,7 +197,7 @@ def test_standing_still_each_foot_carries_half_the_weight(robot: RobotDescriptio
     expected /= centres[0, 1] - centres[1, 1]
     np.testing.assert_allclose(wrenches[:, 2], expected, rtol=1e-6)
     assert wrenches[:, 2].sum() == pytest.approx(weight, rel=1e-12)
-    np.testing.assert_allclose(net_wrench(wrenches.ravel(), soles, kin.com)[3:], 0.0, rtol=0, atol=1e-9 * weight)
+    np.testing.assert_allclose(sum_about(wrenches.ravel(), soles, kin.com)[3:], 0.0, rtol=0, atol=1e-9 * weight)
 
 
 def test_gravity_is_that_of_the_model(robot: RobotDescription) -> None:

@@ -19,6 +19,9 @@ DATA = ("config.json", "summary.json", "series.npz")
 RUN_FILES = (*DATA, "report.html", "video.mp4")
 """Everything that belongs to a run and goes with it."""
 
+STUDY = "study.json"
+"""File by which a folder holds a study."""
+
 STAGED, LEAVING, EARLIER, LOCK = ".new", ".leaving", ".earlier", ".lock"
 """Beside the files of a run: one that is being written; the earlier one on its way aside, file by file; the same once
 it is there whole (empty: there was none); and the mark of who writes."""
@@ -60,22 +63,33 @@ def claimed(folder: Path, overwrite: bool = False) -> Iterator[Path]:
         overwrite: whether it may hold a run already, which stays until another is saved.
 
     Raises:
-        ConfigError: it cannot be written, holds a run, or another process writes to it.
+        ConfigError: it cannot be written, holds a run or a study, or another process writes to it.
     """
     made = not folder.exists()
     prepare_folder(folder)
     try:
         with _locked(folder):
             _recover(folder)
-            if not overwrite and holds_run(folder):
-                allowed = "a folder without a run, or with --overwrite (overwrite=True) where there is such a choice"
-                raise ConfigError("out", str(folder), allowed)
+            _refuse_taken(folder, overwrite)
             yield folder
     finally:
         if made:
             # only an empty one goes
             with suppress(OSError):
                 folder.rmdir()
+
+
+def _refuse_taken(folder: Path, overwrite: bool) -> None:
+    """Nothing that a run would replace is lost in silence: another run, a study, a file of the same name."""
+    if (folder / STUDY).exists():
+        raise ConfigError("out", str(folder), "a folder without a study: its rows and its page would be lost")
+    if overwrite:
+        return
+    if holds_run(folder):
+        allowed = "a folder without a run, or with --overwrite (overwrite=True) where there is such a choice"
+        raise ConfigError("out", str(folder), allowed)
+    if names := [name for name in RUN_FILES if run_file(folder, name).exists()]:
+        raise ConfigError("out", str(folder), f"a folder without {', '.join(names)}, or with --overwrite")
 
 
 def holds_run(folder: Path) -> bool:

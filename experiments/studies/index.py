@@ -7,11 +7,12 @@ from pathlib import Path
 from typing import Any
 
 from experiments.recording.plain import plain
+from experiments.recording.store import STUDY
 from experiments.studies.case import Row, Study
 from experiments.studies.store import RowStore, read_json, row_from, write_whole
 from robots.errors import ConfigError
 
-FILE = "study.json"
+FILE = STUDY
 
 
 @dataclass(frozen=True, slots=True)

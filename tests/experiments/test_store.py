@@ -117,6 +117,25 @@ def test_who_puts_a_folder_in_order_may_be_killed_too(tmp_path: Path) -> None:
         assert sorted(p.name for p in folder.iterdir()) == sorted(old)
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_study_is_never_taken_for_a_run(tmp_path: Path, overwrite: bool) -> None:
+    for name in ("study.json", "report.html"):
+        (tmp_path / name).write_text("{}", encoding="utf-8")
+    with pytest.raises(ConfigError, match="a folder without a study"), claimed(tmp_path, overwrite):
+        pass
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == "{}"
+
+
+@pytest.mark.parametrize("name", ["report.html", "video.mp4"])
+def test_files_of_others_are_not_replaced_in_silence(tmp_path: Path, name: str) -> None:
+    (tmp_path / name).write_text("mine", encoding="utf-8")
+    with pytest.raises(ConfigError, match=f"a folder without {name}"), claimed(tmp_path):
+        pass
+    assert (tmp_path / name).read_text(encoding="utf-8") == "mine"
+    with claimed(tmp_path, overwrite=True):
+        pass
+
+
 def test_a_folder_that_holds_a_run_is_not_taken_in_silence(tmp_path: Path) -> None:
     for place in (tmp_path / "run", tmp_path / "runs" / "one"):
         write_run(place, run_of("old"))

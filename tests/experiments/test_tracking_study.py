@@ -10,8 +10,7 @@ import pytest
 from PIL import Image
 from rich.console import Console
 
-from experiments.benchmarks import plots
-from experiments.benchmarks import tracking as study
+from experiments.benchmarks import pictured
 from experiments.benchmarks.crossing import CROSSING, KNOWLEDGE, NOISE, PASSED, TICK, Crossing, crossing_study
 from experiments.benchmarks.tracking import (
     TRACKING,
@@ -183,15 +182,15 @@ def test_the_command_prints_both_tables_and_writes_what_it_found(
 ) -> None:
     rows = tracking_study(seed=0, rates=(60.0,), duration=1.2)
     crossings = crossing_study(range(1), speeds=(1.0,), filters=("cbf",))
-    monkeypatch.setattr(study, "tracking_study", lambda seed: rows)
-    monkeypatch.setattr(study, "crossing_study", lambda seeds: crossings)
-    monkeypatch.setattr(plots, "tracking_plot", lambda seed: b"a picture")
-    assert study.tracking(tmp_path / "figures.json") == 0
+    monkeypatch.setattr(pictured, "tracking_study", lambda seed: rows)
+    monkeypatch.setattr(pictured, "crossing_study", lambda seeds: crossings)
+    monkeypatch.setattr(pictured, "tracking_plot", lambda seed: b"a picture")
+    assert pictured.tracking(tmp_path / "figures.json") == 0
     written = json.loads((tmp_path / "figures.json").read_text(encoding="utf-8"))
     assert written == {"tracking": rows, "crossing": crossings}
     assert (tmp_path / "figures.png").read_bytes() == b"a picture"
     assert "obstacle tracks" in capsys.readouterr().out
-    assert study.tracking(None) == 0
+    assert pictured.tracking(None) == 0
     assert [row["velocity"] for row in crossings] == list(KNOWLEDGE)
 
 
@@ -209,6 +208,6 @@ def test_tables_show_every_figure_in_its_unit() -> None:
 
 
 def test_the_plot_is_a_picture_with_something_on_it() -> None:
-    picture = Image.open(io.BytesIO(plots.tracking_plot(duration=1.2)))
+    picture = Image.open(io.BytesIO(pictured.tracking_plot(duration=1.2)))
     assert picture.format == "PNG"
     assert len(np.unique(np.asarray(picture.convert("RGB")).reshape(-1, 3), axis=0)) > 20

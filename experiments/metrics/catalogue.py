@@ -11,6 +11,9 @@ from experiments.metrics.metric import DEEP, GROUPS, Metric, Summarised
 DECLARED = tuple({m.key: m for m in (*METRICS, *WALKING, *FEET, *ONE_LEG, *DRAWN)}.values())
 """In the order to show them."""
 
+DECLARED_KEYS = tuple(m.key for m in DECLARED)
+"""Their names in ``summary.json``."""
+
 
 def column(key: str, heading: str) -> Metric:
     """The metric of this key under a shorter heading; one that is shown as it is where the key is none."""

@@ -76,6 +76,11 @@ class Row:
     versions: Mapping[str, str] = field(default_factory=dict)
     folder: str | None = None
 
+    @property
+    def stop_cause(self) -> str | None:
+        """Why its run was stopped before its end, in words; ``None`` where it was not."""
+        return self.metrics.get("stop_cause")
+
     def entries(self) -> dict[str, Any]:
         """Metrics and labels in one table; where both have a name, the label counts."""
         return {**self.metrics, **self.labels}

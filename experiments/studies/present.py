@@ -61,12 +61,15 @@ def _rows_table(rows: Sequence[Row], metrics: Sequence[str]) -> Table:
     """Every row with its parameters, metrics, the folder of its run, and how to make the run again."""
     names, shown = list(varied(rows)), [metric_called(name) for name in metrics]
     columns = [*(Column(name, words=True) for name in names), *(Column(m.words, m.unit) for m in shown)]
+    stopped = any(row.stop_cause is not None for row in rows)
+    columns += [Column("stopped because", words=True)] if stopped else []
     columns += [Column("run", words=True), Column("again, from the folder of the study", words=True)]
     lines = []
     for row in rows:
         cells = [Cell(label_text(row.labels.get(name))) for name in names]
         values = [row.metrics.get(m.key) for m in shown]
         cells += [Cell(m.text(v), m.is_bad(v)) for m, v in zip(shown, values, strict=True)]
+        cells += [Cell(row.stop_cause or "-", bad=row.stop_cause is not None)] if stopped else []
         lines.append(Line((*cells, *_links(row))))
     return Table(tuple(columns), tuple(lines))
 

@@ -58,6 +58,11 @@ class Group:
         """How many of them failed."""
         return sum(row.error is not None for row in self.rows)
 
+    @property
+    def stops(self) -> int:
+        """How many were stopped before their end: their metrics are of a part of the run."""
+        return sum(row.stop_cause is not None for row in self.rows)
+
     def spread(self, metric: str) -> Spread | None:
         """A metric over the rows; ``None`` where none has it."""
         values = numbers(self.rows, metric)

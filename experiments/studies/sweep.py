@@ -1,5 +1,7 @@
 """``safewbc sweep``: a scenario over a grid or a random sample of its parameters."""
 
+from experiments.metrics.catalogue import DECLARED_KEYS
+from experiments.scenarios.registry import SCENARIOS
 from experiments.scenarios.scenario import reference_to
 from experiments.studies.case import Study
 from experiments.studies.command import command_line, run_study, study_folder
@@ -9,6 +11,7 @@ from experiments.studies.present import present
 from experiments.studies.progress import study_console
 from experiments.studies.runs import WarmUp
 from experiments.studies.sweep_options import SweepOptions
+from robots.errors import UnknownNameError
 
 
 def sweep(options: SweepOptions) -> int:
@@ -33,7 +36,11 @@ def plan_of(options: SweepOptions) -> Sweep:
     """The cases that the options ask for.
 
     Raises:
-        SafeWbcError: an option is not allowed.
+        SafeWbcError: an option is not allowed, or a metric that is asked for is none of the scenario's.
     """
+    if options.scenario in SCENARIOS:  # one from outside may give what it does not declare
+        for name in options.metrics:
+            if name not in DECLARED_KEYS:
+                raise UnknownNameError("metric", name, list(DECLARED_KEYS))
     values = read_values(options.scenario, options.texts(), options.sample is not None)
     return make_sweep(options.scenario(), values, options.sample, options.sample_seed, options.series)

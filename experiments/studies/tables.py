@@ -6,7 +6,7 @@ from typing import Any
 
 from experiments.metrics.catalogue import declared
 from experiments.metrics.metric import Metric
-from experiments.reports.table import Column, Table
+from experiments.reports.table import Cell, Column, Table
 from experiments.reports.table import Row as Line
 from experiments.studies.case import Row
 from experiments.studies.parameters import SEED
@@ -67,17 +67,22 @@ def label_text(value: Any) -> str:
 
 
 def study_table(rows: Sequence[Row], metrics: Sequence[str], title: str = "") -> Table:
-    """A line for every combination of parameters that differ: mean over seeds, and its interval."""
+    """A line for every combination of parameters that differ: mean over seeds, and its interval.
+
+    Where runs failed or were stopped before their end, a column says how many.
+    """
     found, shown = groups(rows), [_over_seeds(rows, name) for name in metrics]
     names = [name for name in varied(rows) if name != SEED] or [name for name in rows[0].labels if name != SEED][:1]
-    failed = any(group.failures for group in found)
+    failed, stopped = any(group.failures for group in found), any(group.stops for group in found)
     columns = [*(Column(name, words=True) for name in names), Column("runs")]
     columns += [Column("failed")] if failed else []
+    columns += [Column("stopped")] if stopped else []
     columns += [Column(figure.words, figure.unit) for figure in shown]
     lines = []
     for group in found:
-        cells = [*(label_text(group.labels.get(name)) for name in names), str(len(group.rows))]
+        cells: list[Cell | str] = [*(label_text(group.labels.get(name)) for name in names), str(len(group.rows))]
         cells += [str(group.failures)] if failed else []
+        cells += [Cell(str(group.stops), bad=group.stops > 0)] if stopped else []
         lines.append(Line((*cells, *(_mean_text(group, figure) for figure in shown))))
     caption = ""
     if any(len(group.rows) > 1 for group in found):
@@ -124,6 +129,8 @@ def pivot(rows: Sequence[Row], down: str, across: str | None, metric: str, stati
         lines.append(Line((label_text(value), *(_cell(cell, figure, statistic, of_values) for cell in cells))))
     others = [name for name in varied(rows) if name not in (down, across)]
     caption = f"{statistic} over " + ", ".join(others) if others else ""
+    stops = sum(row.stop_cause is not None for row in rows)
+    caption += f"{'; ' if caption else ''}{stops} of {len(rows)} runs were stopped before their end" if stops else ""
     return Table((Column(down, words=True), *columns), tuple(lines), f"{figure.words} ({metric})", caption)
 
 

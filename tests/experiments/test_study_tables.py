@@ -14,10 +14,10 @@ from hypothesis import strategies as st
 from experiments.studies.backends import LocalBackend
 from experiments.studies.case import Case, Row, Study
 from experiments.studies.engine import carry_out
-from experiments.studies.index import read_study
+from experiments.studies.index import StudyFolder, read_study
 from experiments.studies.pivot import PivotOptions, show_pivot
 from experiments.studies.plots import compared, numeric_parameters, plot_over
-from experiments.studies.present import present
+from experiments.studies.present import present, write_study_report
 from experiments.studies.statistics import groups, numeric_metrics, spread, varied
 from experiments.studies.store import RowStore
 from experiments.studies.tables import chosen_metrics, pivot, study_table
@@ -87,6 +87,19 @@ def test_failures_are_counted_and_left_out_of_the_mean() -> None:
     (line,) = study_table(broken, ["h"]).rows
     assert [str(c) for c in line.cells[:3]] == ["cbf", "3", "1"]
     assert str(line.cells[3]).startswith("-0.0035 [")
+
+
+def test_runs_that_were_stopped_are_told_apart(tmp_path: Path) -> None:
+    stopped = row({"filter": "cbf", "epsilon": None, "seed": 3}, h=0.5, stop_cause="lost the reference")
+    table = study_table([*ROWS, stopped], ["h"])
+    assert [c.heading for c in table.columns] == ["filter", "epsilon", "runs", "stopped", "h"]
+    assert [[table.cells(line)[i].text for i in (2, 3)] for line in table.rows] == [["4", "1"], ["3", "0"], ["3", "0"]]
+    assert [table.cells(line)[3].bad for line in table.rows] == [True, False, False]
+    assert "stopped" not in [c.heading for c in study_table(ROWS, ["h"]).columns]
+    assert pivot([*ROWS, stopped], "filter", None, "h").caption.endswith("1 of 10 runs were stopped before their end")
+    assert "stopped" not in pivot(ROWS, "filter", None, "h").caption
+    path = write_study_report(StudyFolder(tmp_path, "a study", "safewbc sweep", ()), [*ROWS, stopped], ["h"])
+    assert "lost the reference" in path.read_text(encoding="utf-8")
 
 
 def test_a_pivot_is_a_statistic_over_all_that_share_two_values() -> None:

@@ -24,7 +24,7 @@ from experiments.studies.sweep import plan_of
 from experiments.studies.sweep_options import SweepOptions, sweep_of
 from experiments.studies.values import Choices, Interval, parse_values
 from experiments.studies.work import WorkOptions
-from robots.errors import ConfigError
+from robots.errors import ConfigError, UnknownNameError
 
 HANDS = parameters(HandTracking)
 HAND_SWEEP = sweep_of("hand-tracking", HandTracking)
@@ -224,6 +224,12 @@ def test_the_command_line_of_a_sweep() -> None:
     assert len({case.key for case in plan.cases}) == len(plan.cases)
     with pytest.raises(ConfigError, match="seeds"):
         plan_of(hand_sweep("--seeds", "2", "--seed", "1,2"))
+
+
+def test_metrics_that_no_run_has_are_refused_before_anything_runs() -> None:
+    assert len(plan_of(hand_sweep("--metrics", "fell", "hand_rmse_m")).cases) == 1
+    with pytest.raises(UnknownNameError, match=r"'speed': known are .*hand_rmse_m"):
+        plan_of(hand_sweep("--metrics", "fell", "speed"))
 
 
 def test_the_command_that_goes_on_is_the_one_that_was_given() -> None:

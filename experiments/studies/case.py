@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from experiments.metrics.metric import Metric
 from robots.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -96,12 +97,14 @@ class Study:
         prepare: called once in every process before its first case, for example to compile kernels; hashable, and has
             to survive pickling.
         command: command line that makes it, for people.
+        metrics: how to show those that the project does not declare.
     """
 
     title: str
     cases: Sequence[Case]
     prepare: Callable[[], None] | None = None
     command: str = ""
+    metrics: tuple[Metric, ...] = ()
 
     def distinct(self) -> list[Case]:
         """The cases to evaluate: the first of every key."""

@@ -1,11 +1,13 @@
 """``study.json``: which cases a folder of rows belongs to, so that tables can be made from the folder alone."""
 
+import dataclasses
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from experiments.metrics.metric import Metric
 from experiments.recording.plain import plain
 from experiments.recording.store import STUDY
 from experiments.studies.case import Row, Study
@@ -24,12 +26,14 @@ class StudyFolder:
         title: of the study.
         command: that makes it.
         cases: key, labels and folder of each, in order.
+        metrics: how to show those that the project does not declare.
     """
 
     folder: Path
     title: str
     command: str
     cases: tuple[Mapping[str, Any], ...]
+    metrics: tuple[Metric, ...] = ()
 
     def rows(self) -> list[Row]:
         """The rows that are there, in the order of the cases."""
@@ -52,7 +56,8 @@ def write_index(study: Study, folder: Path) -> None:
     if (folder / FILE).exists():
         _refuse_another(study, read_study(folder))
     cases = [{"key": case.key, "labels": case.labels, "folder": case.folder} for case in study.cases]
-    content = {"title": study.title, "command": study.command, "cases": cases}
+    metrics = [dataclasses.asdict(metric) for metric in study.metrics]
+    content = {"title": study.title, "command": study.command, "metrics": metrics, "cases": cases}
     write_whole(folder / FILE, json.dumps(plain(content), indent=1, allow_nan=False) + "\n")
 
 
@@ -70,6 +75,7 @@ def read_study(folder: Path) -> StudyFolder:
     """
     table = read_json(folder / FILE)
     try:
-        return StudyFolder(folder, table["title"], table["command"], tuple(table["cases"]))
+        metrics = tuple(Metric(**entry) for entry in table["metrics"])
+        return StudyFolder(folder, table["title"], table["command"], tuple(table["cases"]), metrics)
     except KeyError as missing:
         raise ConfigError("study", str(folder / FILE), f"an object with the entry {missing}") from missing

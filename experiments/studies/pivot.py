@@ -36,8 +36,9 @@ def show_pivot(options: PivotOptions) -> int:
     from experiments.studies.tables import pivot
 
     names = [name and name.replace("-", "_") for name in (options.rows, options.columns)]
-    rows = read_study(options.folder).rows()
+    study = read_study(options.folder)
+    rows = study.rows()
     if options.write_results:
         write_results(rows, options.folder)
-    show(pivot(rows, str(names[0]), names[1], options.metric, options.statistic))
+    show(pivot(rows, str(names[0]), names[1], options.metric, options.statistic, study.metrics))
     return 0

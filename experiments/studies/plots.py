@@ -12,7 +12,7 @@ from experiments.reports.plots.style import FILTERED, UNSAFE, as_png, new_axes
 from experiments.studies.case import Row
 from experiments.studies.parameters import SEED
 from experiments.studies.statistics import numbers, spread, varied
-from experiments.studies.tables import label_text, metric_called
+from experiments.studies.tables import label_text
 
 PER_LINE = 2
 """Plots beside each other."""
@@ -39,12 +39,12 @@ def compared(rows: Sequence[Row], parameter: str) -> str | None:
 
 
 @as_png
-def plot_over(rows: Sequence[Row], parameter: str, metrics: Sequence[str]) -> Figure:
+def plot_over(rows: Sequence[Row], parameter: str, metrics: Sequence[Metric]) -> Figure:
     """Each metric over a parameter: mean over all else, and its bootstrap interval."""
     by, count = compared(rows, parameter), -(-len(metrics) // PER_LINE)
     figure, axes = new_axes(count, min(PER_LINE, len(metrics)), 2.6 * count + 0.4)
-    for axis, name in zip(axes, metrics, strict=False):
-        _draw_metric(axis, rows, parameter, by, metric_called(name))
+    for axis, metric in zip(axes, metrics, strict=False):
+        _draw_metric(axis, rows, parameter, by, metric)
     for axis in axes[len(metrics) :]:
         axis.set_visible(False)
     if by is not None:

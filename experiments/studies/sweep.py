@@ -27,7 +27,9 @@ def sweep(options: SweepOptions) -> int:
         console.print(note)
     folder = study_folder(options.work.out, f"sweep-{options.scenario.name}")
     title = f"Sweep of {name}, {len(plan.cases)} runs"
-    study = Study(title, plan.cases, WarmUp(options.scenario().robot), command_line(f"sweep {name}", options, folder))
+    command, scenario = command_line(f"sweep {name}", options, folder), options.scenario
+    own = () if scenario in SCENARIOS else scenario.metrics
+    study = Study(title, plan.cases, WarmUp(scenario().robot), command, own)
     rows = list(run_study(study, options.work, folder))
     return present(read_study(folder), rows, options.metrics)
 

@@ -35,28 +35,35 @@ USUAL = (
 """Metrics that are shown where none are asked for, as far as the runs have them."""
 
 
-def chosen_metrics(rows: Sequence[Row], asked: Sequence[str]) -> tuple[str, ...]:
-    """The metrics to show: those asked for, or the usual ones that the rows have, or the first few.
+def chosen_metrics(rows: Sequence[Row], asked: Sequence[str], own: Sequence[Metric] = ()) -> tuple[Metric, ...]:
+    """The metrics to show: those asked for, or the usual ones and the study's own that rows have, or the first few.
+
+    Args:
+        rows: of the study.
+        asked: names.
+        own: metrics that the project does not declare.
 
     Raises:
         UnknownNameError: no row has one that is asked for.
     """
     require_metrics(rows, asked)
     known = numeric_metrics(rows)
-    return tuple(asked) or tuple(name for name in USUAL if name in known) or tuple(known[:6])
+    usual = (*USUAL, *(metric.key for metric in own))
+    names = tuple(asked) or tuple(name for name in usual if name in known) or known[:6]
+    return tuple(metric_called(name, own) for name in names)
 
 
-def metric_called(name: str) -> Metric:
+def metric_called(name: str, own: Sequence[Metric] = ()) -> Metric:
     """How a metric is shown; as it is where nothing is known of it."""
-    return declared(name) or Metric(name, name)
+    found = declared(name) or next((metric for metric in own if metric.key == name), Metric(name, name))
+    return found if found.words else replace(found, words=name)
 
 
-def _over_seeds(rows: Sequence[Row], name: str) -> Metric:
+def _over_seeds(rows: Sequence[Row], metric: Metric) -> Metric:
     """How the mean of a metric is shown: of a yes or no, in how many of the runs."""
-    known = metric_called(name)
-    values = [row.metrics[name] for row in rows if row.metrics.get(name) is not None]
+    values = [row.metrics[metric.key] for row in rows if row.metrics.get(metric.key) is not None]
     is_switch = all(isinstance(value, bool) for value in values)
-    return replace(known, unit="%", factor=1e2) if is_switch else known
+    return replace(metric, unit="%", factor=1e2) if is_switch else metric
 
 
 def label_text(value: Any) -> str:
@@ -66,12 +73,12 @@ def label_text(value: Any) -> str:
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
-def study_table(rows: Sequence[Row], metrics: Sequence[str], title: str = "") -> Table:
+def study_table(rows: Sequence[Row], metrics: Sequence[Metric], title: str = "") -> Table:
     """A line for every combination of parameters that differ: mean over seeds, and its interval.
 
     Where runs failed or were stopped before their end, a column says how many.
     """
-    found, shown = groups(rows), [_over_seeds(rows, name) for name in metrics]
+    found, shown = groups(rows), [_over_seeds(rows, metric) for metric in metrics]
     names = [name for name in varied(rows) if name != SEED] or [name for name in rows[0].labels if name != SEED][:1]
     failed, stopped = any(group.failures for group in found), any(group.stops for group in found)
     columns = [*(Column(name, words=True) for name in names), Column("runs")]
@@ -98,7 +105,14 @@ def _mean_text(group: Group, figure: Metric) -> str:
     return mean if low == high == mean else f"{mean} [{low}, {high}]"
 
 
-def pivot(rows: Sequence[Row], down: str, across: str | None, metric: str, statistic: str = "mean") -> Table:
+def pivot(
+    rows: Sequence[Row],
+    down: str,
+    across: str | None,
+    metric: str,
+    statistic: str = "mean",
+    own: Sequence[Metric] = (),
+) -> Table:
     """One metric by one or two parameters; a statistic over all rows that share their values.
 
     Args:
@@ -107,6 +121,7 @@ def pivot(rows: Sequence[Row], down: str, across: str | None, metric: str, stati
         across: parameter whose values are the columns; ``None`` for a single column.
         metric: name of a metric.
         statistic: one of ``STATISTICS``.
+        own: metrics that the project does not declare.
 
     Raises:
         SafeWbcError: a name is not known.
@@ -117,7 +132,7 @@ def pivot(rows: Sequence[Row], down: str, across: str | None, metric: str, stati
             raise UnknownNameError("parameter", name, labels)
     require_metrics(rows, [metric])
     require_one_of("statistic", statistic, tuple(STATISTICS))
-    figure, of_values = metric_called(metric), STATISTICS[statistic]
+    figure, of_values = metric_called(metric, own), STATISTICS[statistic]
     over = [None] if across is None else _values(rows, across)
     columns = [
         Column(statistic if across is None else f"{across} {label_text(v)}", _unit(figure, statistic)) for v in over

@@ -11,6 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from experiments.metrics.metric import Metric
 from experiments.studies.backends import LocalBackend
 from experiments.studies.case import Case, Row, Study
 from experiments.studies.engine import carry_out
@@ -20,7 +21,7 @@ from experiments.studies.plots import compared, numeric_parameters, plot_over
 from experiments.studies.present import present, write_study_report
 from experiments.studies.statistics import groups, numeric_metrics, spread, varied
 from experiments.studies.store import RowStore
-from experiments.studies.tables import chosen_metrics, pivot, study_table
+from experiments.studies.tables import chosen_metrics, metric_called, pivot, study_table
 from robots.errors import ConfigError, UnknownNameError
 
 values = st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=12)
@@ -55,6 +56,10 @@ ROWS = [
 ]
 
 
+H, FELL = metric_called("h"), metric_called("fell")
+"""A metric that nobody declares, and one that the project does."""
+
+
 def test_rows_are_grouped_by_everything_but_the_seed() -> None:
     found = groups(ROWS)
     assert [dict(g.labels) for g in found] == [
@@ -72,7 +77,7 @@ def test_rows_are_grouped_by_everything_but_the_seed() -> None:
 
 
 def test_the_table_has_means_intervals_and_shares() -> None:
-    table = study_table(ROWS, ["h", "fell"])
+    table = study_table(ROWS, [H, FELL])
     assert [c.heading for c in table.columns] == ["filter", "epsilon", "runs", "h", "fell"]
     cells = [[str(getattr(c, "text", c)) for c in line.cells] for line in table.rows]
     assert [line[:3] for line in cells] == [["cbf", "-", "3"], ["issf", "1", "3"], ["issf", "10", "3"]]
@@ -84,21 +89,21 @@ def test_the_table_has_means_intervals_and_shares() -> None:
 
 def test_failures_are_counted_and_left_out_of_the_mean() -> None:
     broken = [*ROWS[:2], dataclasses.replace(ROWS[2], metrics={}, error="ValueError: no")]
-    (line,) = study_table(broken, ["h"]).rows
+    (line,) = study_table(broken, [H]).rows
     assert [str(c) for c in line.cells[:3]] == ["cbf", "3", "1"]
     assert str(line.cells[3]).startswith("-0.0035 [")
 
 
 def test_runs_that_were_stopped_are_told_apart(tmp_path: Path) -> None:
     stopped = row({"filter": "cbf", "epsilon": None, "seed": 3}, h=0.5, stop_cause="lost the reference")
-    table = study_table([*ROWS, stopped], ["h"])
+    table = study_table([*ROWS, stopped], [H])
     assert [c.heading for c in table.columns] == ["filter", "epsilon", "runs", "stopped", "h"]
     assert [[table.cells(line)[i].text for i in (2, 3)] for line in table.rows] == [["4", "1"], ["3", "0"], ["3", "0"]]
     assert [table.cells(line)[3].bad for line in table.rows] == [True, False, False]
-    assert "stopped" not in [c.heading for c in study_table(ROWS, ["h"]).columns]
+    assert "stopped" not in [c.heading for c in study_table(ROWS, [H]).columns]
     assert pivot([*ROWS, stopped], "filter", None, "h").caption.endswith("1 of 10 runs were stopped before their end")
     assert "stopped" not in pivot(ROWS, "filter", None, "h").caption
-    path = write_study_report(StudyFolder(tmp_path, "a study", "safewbc sweep", ()), [*ROWS, stopped], ["h"])
+    path = write_study_report(StudyFolder(tmp_path, "a study", "safewbc sweep", ()), [*ROWS, stopped], [H])
     assert "lost the reference" in path.read_text(encoding="utf-8")
 
 
@@ -133,8 +138,8 @@ def test_what_a_study_does_not_have_is_refused_by_name(change: dict[str, str], n
 
 
 def test_metrics_that_are_asked_for_have_to_be_there() -> None:
-    assert chosen_metrics(ROWS, ["h"]) == ("h",)
-    assert chosen_metrics(ROWS, []) == ("fell",)
+    assert chosen_metrics(ROWS, ["h"]) == (H,)
+    assert chosen_metrics(ROWS, []) == (FELL,)
     with pytest.raises(UnknownNameError, match="note"):
         chosen_metrics(ROWS, ["note"])
 
@@ -142,7 +147,7 @@ def test_metrics_that_are_asked_for_have_to_be_there() -> None:
 def test_plots_are_over_numbers_and_tell_words_apart() -> None:
     assert numeric_parameters(ROWS) == ["epsilon"]
     assert compared(ROWS, "epsilon") == "filter"
-    assert plot_over(ROWS, "epsilon", ["h", "fell"]).startswith(b"\x89PNG")
+    assert plot_over(ROWS, "epsilon", [H, FELL]).startswith(b"\x89PNG")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -157,11 +162,26 @@ class Height:
         return {"h": 0.001 * self.x}
 
 
-def made(folder: Path) -> Study:
+def made(folder: Path, *own: Metric) -> Study:
     cases = [Case(f"x-{x}-{s}", {"x": x, "seed": s}, Height(x), f"runs/x-{x}-{s}") for x in (1, 2, 3) for s in (0, 1)]
-    study = Study("a < b", cases, command="safewbc sweep stand --mass-scale=1,2")
+    study = Study("a < b", cases, command="safewbc sweep stand --mass-scale=1,2", metrics=own)
     carry_out(study, folder, LocalBackend(1))
     return study
+
+
+def test_metrics_of_ones_own_are_shown_as_they_are_declared(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    own = Metric("h", "leeway", "mm", 1e3)
+    made(tmp_path, own)
+    study = read_study(tmp_path)
+    assert study.metrics == (own,)
+    assert chosen_metrics([*study.rows(), *ROWS], [], study.metrics) == (FELL, own)
+    assert present(study, study.rows()) == 1
+    assert "| x | runs | failed | leeway [mm] |" in capsys.readouterr().out
+    assert "leeway" in (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert show_pivot(PivotOptions(tmp_path, "x", "h")) == 0
+    printed = capsys.readouterr().out
+    assert "leeway (h)" in printed
+    assert "| 3 | 3 |" in printed
 
 
 def test_the_report_has_table_plots_failures_and_links(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -153,6 +153,8 @@ def summarise(series: dict[str, Array], outcome: Outcome) -> dict[str, Any]:
         "tick_ms_median": float(np.median(series["tick_ms"])),
         "tick_ms_p99": float(np.percentile(series["tick_ms"], 99)),
     }
+    if "h_own" in series:
+        out["min_h_own"] = _smallest(series["h_own"][np.isfinite(series["h_own"])])
     return out | _hand_figures(series)
 
 

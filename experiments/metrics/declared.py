@@ -196,6 +196,15 @@ METRICS = (
         "without bounds",
     ),
     Metric(
+        "min_h_own",
+        "smallest barrier of one's own",
+        bad="negative",
+        group="safety",
+        stored="-",
+        meaning="smallest value of the barriers of one's own, each in its unit, as the controller "
+        "evaluated them, over all ticks; only with such",
+    ),
+    Metric(
         "min_h_obstacle_m",
         "smallest obstacle barrier",
         "mm",

@@ -240,6 +240,14 @@ CHANNELS = (
         meaning="time of the whole tick",
     ),
     Channel(
+        "h_own",
+        "(T, rows)",
+        "-",
+        "tick",
+        meaning="barriers of one's own, each in its unit, as the controller evaluated them; only with such, NaN once "
+        "stopped",
+    ),
+    Channel(
         "step_time",
         "(P,)",
         "s",

@@ -59,7 +59,7 @@ def _clearance(result: Recording) -> Verdict:
 
 
 def _other_barriers(result: Recording) -> list[Verdict]:
-    """Only what was violated: joint limits, obstacles and workspace bounds."""
+    """Only what was violated: joint limits, obstacles, workspace bounds and barriers of one's own."""
     out = []
     obstacle = result.series.get("h_obstacle", np.empty(0))
     if obstacle.size and obstacle.min() < 0:
@@ -71,6 +71,9 @@ def _other_barriers(result: Recording) -> list[Verdict]:
     for bound, h in zip(result.robot.workspace, workspace.T, strict=False):
         if h.size and h.min() < 0:
             out.append((False, f"{bound.name.replace('_', ' ')} went beyond its bound by {_mm(-float(h.min()))}"))
+    least = result.summary.get("min_h_own")
+    if least is not None and least < 0:
+        out.append((False, f"a barrier of one's own fell to {least:.3g}"))
     return out
 
 

@@ -72,6 +72,7 @@ class Recorder(Observer):
         self._state = plant.true_state()
         self._zmp = plant.zero_moment_point()
         self._nowhere = np.full(self._state.v.size, np.nan)
+        self._own_rows = agent.controller.barriers.own
         self._v_safe = self._nowhere
 
     def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
@@ -83,6 +84,9 @@ class Recorder(Observer):
             labels = self._agent.controller.barriers.labels
             self.first_relaxed = f"at {loop.time:.3f} s: " + explain(result.safety, labels)
         row = self._body_row(loop.time) | self._reference_row() | {"tick_ms": 1e3 * seconds}
+        if (own := self._own_rows).size:
+            h = self._agent.controller.barriers.h[own]
+            row["h_own"] = np.full(h.shape, np.nan) if result is None else h
         answer = self._answer(result)
         self._v_safe = answer["v_safe"]
         self._ticks.append(row | answer)

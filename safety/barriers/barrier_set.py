@@ -37,9 +37,12 @@ class BarrierSet:
             capsule over a half-space). The rows beside them are never smaller than the one of their pair (see
             :class:`safety.barriers.self_collision.SelfCollisionBarrier`).
         labels: a name for each row.
+        own: indices of the rows of those barriers that are ``own``.
     """
 
-    def __init__(self, kin: Kinematics, bodies: CollisionBodies, barriers: Sequence[Barrier]) -> None:
+    def __init__(
+        self, kin: Kinematics, bodies: CollisionBodies, barriers: Sequence[Barrier], own: Sequence[Barrier] = ()
+    ) -> None:
         """``bodies`` are placed before the barriers are written; barriers of one family must follow each other."""
         self.barriers = tuple(barriers)
         # each once: a barrier of one's own may have brought bodies of its own
@@ -72,7 +75,13 @@ class BarrierSet:
         for b in barriers:
             if len(b.labels()) != b.size:
                 raise ConfigError(f"labels of {type(b).__name__}", b.labels(), f"{b.size} names, one for each row")
+        self.own: Indices = np.flatnonzero([any(b is o for o in own) for b in barriers for _ in range(b.size)])
         self.labels = tuple(label for b in barriers for label in b.labels())
+
+    @property
+    def h(self) -> Array:
+        """The barriers of the last evaluation, (size,); a view that the next one overwrites."""
+        return self._h
 
     @property
     def families(self) -> Indices:
@@ -147,7 +156,7 @@ def standard_barriers(
     barriers += extra
     for b in extra:
         require_one_of("barrier family", b.family, FAMILIES)
-    return BarrierSet(kin, bodies, sorted(barriers, key=lambda b: FAMILIES.index(b.family)))
+    return BarrierSet(kin, bodies, sorted(barriers, key=lambda b: FAMILIES.index(b.family)), extra)
 
 
 def _separable(kin: Kinematics, bodies: CollisionBodies, pair: tuple[str, str]) -> bool:

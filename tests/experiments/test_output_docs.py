@@ -3,7 +3,10 @@
 import json
 import math
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import pytest
@@ -21,6 +24,7 @@ from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
+from safety.barriers.barrier import Barrier, JointLimitBarrier
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, SelfCollisionBarrier
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "output.md").read_text(encoding="utf-8")
@@ -66,6 +70,22 @@ def stepping() -> list[Recording]:
     return [run(Taichi(duration=0.2)), run(LateralSteps(duration=0.2)), walk]
 
 
+@dataclass(frozen=True)
+class OwnBarrier(Stand):
+    """Standing, with a barrier of one's own."""
+
+    name: ClassVar[str] = "own-barrier"
+
+    def extra_barriers(self, kin: Kinematics) -> Sequence[Barrier]:
+        return (JointLimitBarrier(kin),)
+
+
+@pytest.fixture(scope="module")
+def own_barrier() -> Recording:
+    """A run that keeps a barrier of one's own."""
+    return run(OwnBarrier(duration=0.1))
+
+
 def test_the_tables_of_the_page_are_those_of_the_declarations() -> None:
     assert with_tables(PAGE) == PAGE, "make docs-output writes them anew"
 
@@ -75,9 +95,11 @@ def test_a_table_that_has_no_place_is_missed() -> None:
         with_tables(PAGE.replace("<!-- arrays per step", "<!-- arrays per stop"))
 
 
-def test_every_figure_is_in_the_page_and_nothing_else(hands: Recording, stepping: list[Recording]) -> None:
-    drawn = {metric.key for metric in DRAWN}
-    assert set(rows("summary.json")) == set(hands.summary).union(drawn, *(made.summary for made in stepping))
+def test_every_figure_is_in_the_page_and_nothing_else(
+    hands: Recording, stepping: list[Recording], own_barrier: Recording
+) -> None:
+    drawn, made = {metric.key for metric in DRAWN}, (*stepping, own_barrier)
+    assert set(rows("summary.json")) == set(hands.summary).union(drawn, *(m.summary for m in made))
 
 
 def test_figures_of_single_experiments_are_said_to_be_theirs(hands: Recording, stepping: list[Recording]) -> None:
@@ -106,11 +128,12 @@ def test_figures_that_do_not_apply_are_said_to_be_null(
 
 
 def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
-    hands: Recording, stepping: list[Recording]
+    hands: Recording, stepping: list[Recording], own_barrier: Recording
 ) -> None:
     page = rows("series.npz")
-    assert set(page) == set(hands.series).union(*(made.series for made in stepping))
-    for made in (hands, *stepping):
+    all_runs = (hands, *stepping, own_barrier)
+    assert set(page) == set().union(*(made.series for made in all_runs))
+    for made in all_runs:
         nj = len(made.robot.joints)
         sizes = {
             "T": round(500 * made.summary["duration_s"]),
@@ -121,6 +144,7 @@ def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
             "pairs": len(made.robot.self_collision_pairs),
             "bounds": len(made.robot.workspace),
             "bodies": len(made.series.get("obstacles", np.zeros((1, 0)))[0]),
+            "rows": len(made.series.get("h_own", np.zeros((1, 0)))[0]),
             "K": len(made.series["support_polygon"]),
         }
         for name, values in made.series.items():

@@ -101,6 +101,10 @@ def test_a_scenario_of_ones_own_is_a_command_with_a_report_and_can_be_replayed(
     result = load_recording(tmp_path / "o")
     assert result.config["scenario"]["scenario"] == "mine:UnderACeiling"
     assert result.summary["headroom_m"] == pytest.approx(0.95 - result.series["q"][:, 2].max())
+    # the barrier that it adds: the controller sees the state of the instant that is recorded
+    assert result.series["h_own"][:, 0] == pytest.approx(0.95 - result.series["q"][:, 2], abs=1e-12)
+    assert result.summary["min_h_own"] == pytest.approx(result.summary["headroom_m"], abs=1e-12)
+    assert "smallest barrier of one's own" in done.stdout
     assert call(tmp_path, "replay", "o").returncode == 0
     helped = call(tmp_path, "run", "mine:UnderACeiling", "--help")
     assert "Height of the ceiling" in helped.stdout

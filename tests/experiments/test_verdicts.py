@@ -48,6 +48,17 @@ def test_the_verdict_tells_other_violations_and_filter_trouble() -> None:
     assert "failed in 1 tick" in text
 
 
+def test_the_verdict_tells_broken_barriers_of_ones_own() -> None:
+    result = made_run()
+
+    def told(least: float | None) -> str:
+        summary = {**result.summary, "min_h_own": least}
+        return sentences(Recording(result.robot, result.config, summary, result.series), good=False)
+
+    assert "a barrier of one's own fell to -0.0123" in told(-0.0123)
+    assert told(0.0) == told(None) == sentences(result, good=False)
+
+
 def test_the_verdict_tells_broken_bounds() -> None:
     result = made_run()
     margins = {"margin_joint_limit_rad": np.radians(-1.5), "margin_leg_collision_m": -0.012, "margin_workspace_m": 0.1}

@@ -197,7 +197,7 @@ def encountered(**seen: Any) -> tuple[World, Obstacle, ObstacleTrack]:
     for t in SENSED:
         for detection in world.detections(t):
             tracker.observe(detection)
-        assert tracker.fault(t) is None
+        assert not tracker.faults(t)
         track.measure(twin.measure(sphere.motion.motion().position(t), t), t)
     (believed,) = tracker.obstacles(SENSED[-1]).values()
     return world, believed, track

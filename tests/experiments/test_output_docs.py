@@ -14,7 +14,7 @@ import pytest
 from controllers.whole_body.controller import STAGES
 from experiments.cli.output_page import with_tables
 from experiments.metrics.declared_motion import DRAWN
-from experiments.recording.recording import FILTER_STATUSES, Recording, save_recording
+from experiments.recording.recording import FILTER_STATUSES, STOPPED, Recording, save_recording
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
@@ -150,6 +150,18 @@ def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
         for name, values in made.series.items():
             shape = tuple(sizes.get(n) or int(n) for n in re.findall(r"\w+", page[name][0]))
             assert values.shape == shape, name
+
+
+def test_barriers_of_ones_own_are_recorded_until_the_robot_stops() -> None:
+    result = run(OwnBarrier(duration=0.4, nan_at=0.1))
+    series, stopped = result.series, result.series["filter_status"] == STOPPED
+    assert stopped.any()
+    np.testing.assert_array_equal(np.isnan(series["h_own"]), np.tile(stopped[:, None], series["h_own"].shape[1]))
+    # joint limits, which the recorder keeps too: the end of the step before a tick is the tick's instant
+    at = np.searchsorted(series["step_time"], series["time"][~stopped] - 1e-9)
+    least = series["h_own"][~stopped].min(axis=1)
+    np.testing.assert_allclose(least[1:], series["h_joint_limit"][at[1:]], rtol=0, atol=1e-12)
+    assert result.summary["min_h_own"] == least.min()
 
 
 def test_arrays_that_only_some_runs_have_are_marked(

@@ -11,7 +11,6 @@ import tyro
 
 from experiments.scenarios.options import (
     BenchOptions,
-    CorridorOptions,
     DemoOptions,
     DoctorOptions,
     OutputOptions,
@@ -21,6 +20,7 @@ from experiments.scenarios.registry import SCENARIOS, own_scenario
 from experiments.scenarios.scenario import Scenario
 from experiments.studies.pivot import PivotOptions
 from experiments.studies.study_options import (
+    CorridorOptions,
     LocomotionTableOptions,
     PushSearchOptions,
     RandomWalksOptions,

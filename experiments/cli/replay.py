@@ -9,13 +9,11 @@ from numpy.typing import NDArray
 from experiments.metrics.balance import versions
 from experiments.recording.plain import plain
 from experiments.recording.recording import Recording, load_recording
-from experiments.running.corridor_loop import DT, run_case
 from experiments.running.ending import INTERRUPTED, InterruptionAt
 from experiments.running.recorder import Progress
 from experiments.running.run import run
 from experiments.running.terminal import make_console, progress
 from experiments.running.warmup import warm_up
-from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.options import ReplayOptions
 from experiments.scenarios.registry import SCENARIO_FOLDER, read_scenario
 from experiments.scenarios.scenario import Runnable
@@ -58,8 +56,6 @@ def replay(options: ReplayOptions) -> int:
 def _run_again(saved: Recording, scenario: Runnable, advance: Callable[[float], None]) -> Recording:
     """The same run, as far as the saved one got before a person stopped it."""
     interrupted = saved.summary.get("stop_cause") == INTERRUPTED
-    if isinstance(scenario, CorridorCase):
-        return run_case(scenario, round(saved.summary["duration_s"] / DT) if interrupted else None)
     ends = (InterruptionAt(saved.summary["duration_s"]),) if interrupted else ()
     return run(scenario, (Progress(advance), *ends))
 

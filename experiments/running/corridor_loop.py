@@ -1,6 +1,6 @@
 """One filter in the corridor: the closed loop, what is kept of it, and its figures of merit."""
 
-from collections.abc import Callable
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -12,9 +12,9 @@ from controllers.policies.nominal import NominalPolicy, benchmark_limits
 from experiments.metrics.balance import versions
 from experiments.metrics.scores import TOUCH, control_score, feasible_rate, safety_score, tracking_score
 from experiments.recording.recording import Recording, description_digest
-from experiments.running.ending import Interruption
+from experiments.running.guarded import Guarded, raise_errors_of
+from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop, Observer
-from experiments.running.recorder import Progress
 from experiments.scenarios.corridor import (
     CLOSING,
     COLLISION_MODEL,
@@ -81,8 +81,8 @@ class CorridorRun:
 
     name: str
     title: str
-    summary: dict[str, Any]
-    series: dict[str, NDArray[Any]]
+    summary: Mapping[str, Any]
+    series: Mapping[str, NDArray[Any]]
     explanation: str
 
 
@@ -142,33 +142,17 @@ class CorridorLoop:
         """See :meth:`controllers.policies.kinematic_agent.Surroundings.obstacles`."""
         return self.scene.obstacles(t)
 
-    def run(
-        self, duration: float, advance: Callable[[float], None] | None = None, asked: Callable[[], bool] | None = None
-    ) -> CorridorRun:
-        """Run for ``duration`` [s].
-
-        Args:
-            duration: of the run.
-            advance: called with the simulated time now and then.
-            asked: whether the run is to end before its time, asked after every tick.
-        """
+    def run(self, duration: float, observers: Sequence[Observer] = (), laps: Laps | None = None) -> CorridorRun:
+        """Run for ``duration`` [s]; ``observers`` are told of every tick, and may end it before."""
         recorder = CorridorRecorder(self, SsaProbe(self._probe, self._ssa_rows))
-        interruption = Interruption(asked or never)
-        observers: list[Observer] = [recorder, interruption]
-        if advance is not None:
-            observers.append(Progress(advance))
-        ClosedLoop(self.plant, self.agent, observers=observers).run(duration)
+        ClosedLoop(self.plant, self.agent, observers=[recorder, *observers], laps=laps).run(duration)
         series, explanation = recorder.series(), recorder.explanation()
         head = {"name": self.name, "filter": self.kind.name, "infeasible_action": self.filter.settings.infeasible}
-        ended = {"stop_cause": interruption.ended_by, "explanation": explanation}
+        cause = next((observer.ended_by for observer in observers if observer.ended_by), None)
+        ended = {"stop_cause": cause, "explanation": explanation}
         return CorridorRun(
             self.name, variant_title(self.name), head | summarise(series, self) | ended, series, explanation
         )
-
-
-def never() -> bool:
-    """Nobody asks for an early end."""
-    return False
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,11 +253,12 @@ def corridor_loop(case: CorridorCase) -> CorridorLoop:
     return CorridorLoop(corridor_robot(), Corridor(case.gap, case.seed), case.filter, case.weight, case.margins)
 
 
-def run_case(case: CorridorCase, ticks: int | None = None) -> Recording:
-    """Run one filter through the corridor, or only its first ``ticks``; see :func:`experiments.running.run.run`."""
-    loop = corridor_loop(case)
-    asked = None if ticks is None else lambda: round(loop.plant.time / DT) >= ticks
-    return recording_of(case, loop, loop.run(case.duration, asked=asked))
+def run_case(case: CorridorCase, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:
+    """Run one filter through the corridor; arguments and result as of :func:`experiments.running.run.run`."""
+    loop, guarded = corridor_loop(case), [Guarded(observer) for observer in observers]
+    recording = recording_of(case, loop, loop.run(case.duration, guarded, laps))
+    raise_errors_of(guarded, recording)
+    return recording
 
 
 def recording_of(case: CorridorCase, loop: CorridorLoop, run: CorridorRun) -> Recording:

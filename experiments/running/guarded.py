@@ -1,6 +1,6 @@
 """An observer that raises costs no run: it ends there, and what was simulated is handed out with the error."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from experiments.recording.recording import Recording
@@ -65,3 +65,14 @@ class Guarded(Observer):
                 self.error = error
                 self.ended_by = f"{type(self._observer).__name__} raised {type(error).__name__}: {error}"
         return otherwise
+
+
+def raise_errors_of(observers: Sequence[Guarded], recording: Recording) -> None:
+    """Raise what the first of some observers raised while the recording was made, if one did.
+
+    Raises:
+        ObserverError: with the recording.
+    """
+    for observer in observers:
+        if observer.error is not None:
+            raise ObserverError(str(observer.ended_by), recording) from observer.error

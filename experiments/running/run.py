@@ -14,7 +14,7 @@ from experiments.metrics.catalogue import in_order
 from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
 from experiments.running.faults import BrokenEncoder
-from experiments.running.guarded import Guarded, ObserverError
+from experiments.running.guarded import Guarded, raise_errors_of
 from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.running.recorder import Recorder
@@ -104,9 +104,7 @@ def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | Non
     if isinstance(scenario, CorridorCase):
         from experiments.running.corridor_loop import run_case
 
-        if observers:
-            raise ConfigError("observers", observers, "none: the corridor has a loop of its own")
-        return run_case(scenario)
+        return run_case(scenario, observers, laps)
     if not isinstance(scenario, Scenario):
         raise ConfigError("scenario", type(scenario).__name__, "a Scenario, or a CorridorCase")
     return run_prepared(prepare(scenario), observers, laps)
@@ -142,9 +140,7 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     summary = _head(given, cause, stopped_at) | measured | {"versions": versions()}
     laps.book("series and summary")
     recording = Recording(robot, resolved_config(given), in_order(summary), series)
-    for observer in guarded:
-        if observer.error is not None:
-            raise ObserverError(str(observer.ended_by), recording) from observer.error
+    raise_errors_of(guarded, recording)
     return recording
 
 

@@ -81,36 +81,6 @@ class OutputOptions:
 
 
 @dataclass(frozen=True)
-class CorridorOptions:
-    """Filters side by side where conditions conflict: boards close about a hand, a sphere comes to the elbow.
-
-    A G1 on a fixed base, moved by velocities at 100 Hz: it does exactly what the filter says.
-    """
-
-    filters: tuple[str, ...] = ("ssa-naive", "ssa", "rssa", "pssa", "cbf", "issf")
-    """Filters to run: ssa-naive (passes the nominal velocity on where it has no solution), none, cbf, issf, ssa, rssa,
-    pssa, sss, pfm, sma."""
-    duration: float = 12.0
-    """Simulated time; the scene takes 12 s [s]."""
-    seed: int | None = None
-    """Moves goals and sphere by some millimetres; without it everything is where it was designed to be [-]."""
-    weight: float = 10.0
-    """Weight Q_s of the squared violations in r-SSA [rad^2/m^2]."""
-    margins: str = "shared"
-    """shared: every filter keeps 5 cm to obstacles and 1 cm between bodies; own: CBF and ISSf-CBF none, as in their own
-    paper."""
-    gap: float = 0.14
-    """Distance of the boards once they have closed; the hand's sphere takes 0.10 m of it, and needs 0.20 m to keep
-    5 cm to either board [m]."""
-    out: Path | None = None
-    """Folder of the results; runs/corridor-<time> if not given."""
-    overwrite: bool = False
-    """Write over runs that the folder holds already."""
-    report: bool = True
-    """Write report.html."""
-
-
-@dataclass(frozen=True)
 class DemoOptions:
     """Hand tracking on the G1, 20 % heavier than its model, without and with the safety filter, side by side."""
 

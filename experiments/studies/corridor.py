@@ -3,26 +3,13 @@
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from rich.console import Console
-
-from experiments.recording.recording import write_recording
-from experiments.recording.store import add_file, write_json, write_run
-from experiments.reports.corridor_table import corridor_table
+from experiments.recording.recording import Recording, load_recording
+from experiments.recording.store import add_file
+from experiments.reports.corridor_table import FIGURES, corridor_table
 from experiments.reports.table import show
-from experiments.running.corridor_loop import (
-    DT,
-    MARGINS,
-    VARIANTS,
-    CorridorLoop,
-    CorridorRun,
-    corridor_loop,
-    recording_of,
-    variant_title,
-)
-from experiments.running.ending import INTERRUPTED
-from experiments.running.terminal import ask_to_stop, make_console, progress, results_folder
+from experiments.running.corridor_loop import DT, MARGINS, VARIANTS, CorridorRun, variant_title
 from experiments.scenarios.corridor import (
     CLOSING,
     COMING,
@@ -35,7 +22,11 @@ from experiments.scenarios.corridor import (
     corridor_robot,
 )
 from experiments.scenarios.corridor_case import CorridorCase
-from experiments.scenarios.options import CorridorOptions, OutputOptions
+from experiments.studies.case import Case, Study
+from experiments.studies.command import command_line, run_study, study_folder, tell_failures
+from experiments.studies.progress import study_console
+from experiments.studies.runs import run_case
+from experiments.studies.study_options import CorridorOptions
 from robots.checks import require_between, require_one_of, require_positive
 from robots.description import RobotDescription
 from robots.errors import ConfigError
@@ -45,31 +36,43 @@ if TYPE_CHECKING:
 
 
 def corridor(options: CorridorOptions) -> int:
-    """Run all filters, print a table, write results and report; returns 0, or 130 where a person stopped it."""
-    scene, cases = check_corridor(options), corridor_cases(options)
-    console = make_console()
-    robot = corridor_robot()
-    bars = progress(console, [variant_title(name) for name in options.filters], options.duration)
-    with results_folder(OutputOptions(out=options.out, overwrite=options.overwrite), "corridor") as folder:
-        loops = [corridor_loop(case) for case in cases]
-        runs: list[CorridorRun] = []
-        with bars as advance, ask_to_stop() as asked:
-            for loop, bar in zip(loops, advance, strict=True):
-                runs.append(loop.run(options.duration, bar, asked.is_set))
-                if asked.is_set():
-                    break
-        save_corridor(folder, cases, loops, runs)
-        show(corridor_table(runs, [run.name for run in runs]), console)
+    """Run every filter, print their table, write the report; returns 0, or 1 where runs failed.
+
+    Raises:
+        SafeWbcError: an option is not allowed; nothing has run then.
+    """
+    scene = check_corridor(options)
+    folder = study_folder(options.work.out, "corridor")
+    command = command_line("run corridor", options, folder)
+    study = Study("Filters in the corridor", corridor_cases(options), command=command, metrics=FIGURES)
+    rows = list(run_study(study, options.work, folder))
+    runs = [filter_run(load_recording(folder / str(row.folder))) for row in rows if row.error is None]
+    if runs:
+        show(corridor_table(runs, [run.name for run in runs]))
         if options.report:
-            _report(folder, scene, robot, runs, console)
-    console.print(f"results: {folder}")
-    return 130 if runs[-1].summary["stop_cause"] == INTERRUPTED else 0
+            _report(folder, scene, runs)
+    return tell_failures(rows, folder)
 
 
-def corridor_cases(options: CorridorOptions) -> list[CorridorCase]:
+def corridor_cases(options: CorridorOptions) -> list[Case]:
     """One for each filter."""
     shared = {name: getattr(options, name) for name in ("duration", "seed", "weight", "margins", "gap")}
-    return [CorridorCase(filter=name, **shared) for name in options.filters]
+    return [
+        run_case(CorridorCase(filter=name, **shared), {"filter": name}, name, measure=corridor_row)
+        for name in options.filters
+    ]
+
+
+def corridor_row(result: Recording) -> dict[str, Any]:
+    """The figures of merit of a run."""
+    left_out = ("scenario", "name", "versions")
+    return {name: value for name, value in result.summary.items() if name not in left_out}
+
+
+def filter_run(result: Recording) -> CorridorRun:
+    """A saved run as table and report show it."""
+    name = result.summary["name"]
+    return CorridorRun(name, variant_title(name), result.summary, result.series, result.summary["explanation"])
 
 
 def check_corridor(options: CorridorOptions) -> Corridor:
@@ -85,26 +88,12 @@ def check_corridor(options: CorridorOptions) -> Corridor:
     if len(set(options.filters)) != len(options.filters):
         raise ConfigError("filters", " ".join(options.filters), "each of them once")
     require_between("duration", options.duration, 0.1, 120.0)
+    require_between("jobs", options.work.jobs, 1, 64)
     require_positive("weight", options.weight)
     require_one_of("margins", options.margins, MARGINS)
     if options.seed is not None:
         require_between("seed", options.seed, 0, 2**63 - 1)
     return Corridor(options.gap, options.seed)
-
-
-def save_corridor(
-    folder: Path, cases: Sequence[CorridorCase], loops: Sequence[CorridorLoop], runs: Sequence[CorridorRun]
-) -> None:
-    """Write each run into a folder of its own, and ``filters.json``: their summaries in a list.
-
-    Raises:
-        ConfigError: the folder cannot be written.
-    """
-    for case, loop, run in zip(cases, loops, runs, strict=False):
-        write_recording(recording_of(case, loop, run), folder / run.name)
-    # pictures of earlier runs go with them
-    write_run(folder, {})
-    add_file(folder, "filters.json", write_json("filters", [run.summary for run in runs]))
 
 
 def report_scene(scene: Corridor, robot: RobotDescription) -> "CorridorScene":
@@ -130,12 +119,11 @@ def report_scene(scene: Corridor, robot: RobotDescription) -> "CorridorScene":
     )
 
 
-def _report(
-    folder: Path, scene: Corridor, robot: RobotDescription, runs: Sequence[CorridorRun], console: Console
-) -> None:
+def _report(folder: Path, scene: Corridor, runs: Sequence[CorridorRun]) -> None:
     from experiments.reports.corridor import corridor_frames, write_corridor_report
     from sims.rendering import rendering_problem
 
+    console, robot = study_console(), corridor_robot()
     if problem := rendering_problem():
         console.print(f"no pictures: {problem}", style="yellow")
     with console.status("rendering and writing the report"):

@@ -28,6 +28,33 @@ class TableOptions:
 
 
 @dataclass(frozen=True)
+class CorridorOptions:
+    """Filters side by side where conditions conflict: boards close about a hand, a sphere comes to the elbow.
+
+    A G1 on a fixed base, moved by velocities at 100 Hz: it does exactly what the filter says.
+    """
+
+    filters: tuple[str, ...] = ("ssa-naive", "ssa", "rssa", "pssa", "cbf", "issf")
+    """Filters to run: ssa-naive (passes the nominal velocity on where it has no solution), none, cbf, issf, ssa, rssa,
+    pssa, sss, pfm, sma."""
+    duration: float = 12.0
+    """Simulated time; the scene takes 12 s [s]."""
+    seed: int | None = None
+    """Moves goals and sphere by some millimetres; without it everything is where it was designed to be [-]."""
+    weight: float = 10.0
+    """Weight Q_s of the squared violations in r-SSA [rad^2/m^2]."""
+    margins: str = "shared"
+    """shared: every filter keeps 5 cm to obstacles and 1 cm between bodies; own: CBF and ISSf-CBF none, as in their own
+    paper."""
+    gap: float = 0.14
+    """Distance of the boards once they have closed; the hand's sphere takes 0.10 m of it, and needs 0.20 m to keep
+    5 cm to either board [m]."""
+    report: bool = True
+    """Write report.html."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
+
+
+@dataclass(frozen=True)
 class RandomWalksOptions:
     """Many random walks side by side: who falls, and when. --seed of `run random-walk` makes one of them again."""
 
@@ -84,7 +111,7 @@ class TuneOptions:
 
     Runs a set of scenarios on the robot at the edges of what it is to withstand, measures what it does beyond what the
     filter asked of it, row by row, and takes the largest epsilon for which every barrier keeps its margin. Every run
-    takes the file that is written: --tuning FILE.
+    takes the file that is written, tuning.toml in the folder of the study: --tuning FILE.
     """
 
     robot: str = "g1"
@@ -111,10 +138,7 @@ class TuneOptions:
     all if not given."""
     start: Path | None = None
     """File of parameters to start from; the robot's own if not given."""
-    jobs: int = 2
-    """Runs at a time [-]."""
-    out: Path | None = None
-    """Folder of tuning.toml; runs/tune-<time> if not given."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 
 @dataclass(frozen=True)

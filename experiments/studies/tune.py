@@ -9,11 +9,11 @@ from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.recording.recording import GUARANTEED
 from experiments.reports.table import Column, Row, Table, show
 from experiments.running.run import prepare
-from experiments.running.terminal import make_console, results_folder
-from experiments.running.warmup import warm_up
-from experiments.scenarios.options import OutputOptions
+from experiments.studies.command import command_line, study_folder
+from experiments.studies.progress import study_console
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tuner import Choice, Tuner
+from experiments.studies.tuning_rounds import TuningRounds
 from experiments.studies.tuning_scenarios import TuningRun, posture_ratios, tuning_runs
 from robots.checks import require_between, require_positive
 from robots.description import RobotDescription
@@ -34,19 +34,23 @@ def tune(options: TuneOptions) -> int:
         SafeWbcError: an option is not allowed; nothing has run then.
     """
     robot = check_tune(options)
-    console = make_console()
-    with results_folder(OutputOptions(out=options.out), "tune") as folder:
-        warm_up(console, robot)
-        before = start_choices(robot, options)
-        runs, alphas = possible_runs(robot, options), slopes(robot, options)
-        chosen = Tuner(robot.name, runs, alphas, posture_ratios(robot), options, folder, console).run(before)
-        tuning = Tuning(
-            {family: {"alpha": c.alpha, "epsilon": c.epsilon} for family, c in chosen.items()},
-            provenance(robot, options, chosen),
-        )
-        write_tuning(folder / "tuning.toml", tuning)
-    show(choice_table(robot, before, chosen), console)
-    console.print(f"parameters: {folder / 'tuning.toml'}")
+    return tune_with(robot, possible_runs(robot, options), options)
+
+
+def tune_with(robot: RobotDescription, runs: list[TuningRun], options: TuneOptions) -> int:
+    """:func:`tune` with runs to choose from; the options are checked."""
+    folder = study_folder(options.work.out, "tune")
+    before = start_choices(robot, options)
+    alphas = slopes(robot, options)
+    rounds = TuningRounds(robot, options, folder, command_line("tune", options, folder))
+    chosen = Tuner(runs, alphas, posture_ratios(robot), options, rounds).run(before)
+    tuning = Tuning(
+        {family: {"alpha": c.alpha, "epsilon": c.epsilon} for family, c in chosen.items()},
+        provenance(robot, runs, options, chosen),
+    )
+    write_tuning(folder / "tuning.toml", tuning)
+    show(choice_table(robot, before, chosen))
+    study_console().print(f"parameters: {folder / 'tuning.toml'}")
     return 1 if any(c.note.startswith("margin missed") for c in chosen.values()) else 0
 
 
@@ -66,7 +70,7 @@ def check_tune(options: TuneOptions) -> RobotDescription:
     for alpha in options.alphas:
         require_positive("alphas", alpha)
     require_between("rounds", options.rounds, 1, 20)
-    require_between("jobs", options.jobs, 1, 64)
+    require_between("jobs", options.work.jobs, 1, 64)
     if unknown := sorted(set(options.only) - set(GUARANTEED)):
         raise ConfigError("only", unknown, "among " + ", ".join(GUARANTEED))
     robot = load_robot(options.robot)
@@ -118,10 +122,12 @@ def possible_runs(robot: RobotDescription, options: TuneOptions) -> list[TuningR
     return possible
 
 
-def provenance(robot: RobotDescription, options: TuneOptions, chosen: dict[str, Choice]) -> dict[str, Any]:
+def provenance(
+    robot: RobotDescription, runs: list[TuningRun], options: TuneOptions, chosen: dict[str, Choice]
+) -> dict[str, Any]:
     """What the parameters were tuned for, in TOML's types."""
     tuned = set(options.only or GUARANTEED)
-    names = sorted(run.name for run in possible_runs(robot, options) if tuned & set(run.families))
+    names = sorted(run.name for run in runs if tuned & set(run.families))
     told: dict[str, Any] = {
         "robot": robot.name,
         "masses": list(options.masses),

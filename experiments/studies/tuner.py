@@ -1,19 +1,14 @@
 """Rounds of runs that lead from one set of filter parameters to the next."""
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
-from rich.console import Console
 
-from controllers.whole_body.tuning_file import Tuning, write_tuning
 from experiments.recording.recording import GUARANTEED
-from experiments.running.pool import in_parallel
-from experiments.running.run import run
 from experiments.studies.study_options import TuneOptions
-from experiments.studies.tuning_measure import Measured, measure
+from experiments.studies.tuning_rounds import Seen, margins_of
 from experiments.studies.tuning_scenarios import TuningRun
 
 LEAST, MOST = 0.05, 20.0
@@ -68,30 +63,8 @@ class Choice:
         return self.squared / (self.alpha * self.epsilon)
 
 
-@dataclass(frozen=True, slots=True)
-class Seen:
-    """What one run left for the choice: how it ended, and what it measured."""
-
-    run: TuningRun
-    ended: str
-    measured: tuple[Measured, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class TuningTask:
-    """One run as a task."""
-
-    run: TuningRun
-    file: Path
-    margins: dict[str, float]
-
-    def __call__(self) -> Seen:
-        """Run and measure."""
-        options = self.run.with_parameters(self.file)
-        result = run(options)
-        summary = result.summary
-        ended = "fell" if summary["fell"] else ("was stopped" if summary["stop_cause"] else "")
-        return Seen(self.run, ended, tuple(measure(result, self.run.families, self.margins)))
+Round = Callable[[Sequence[TuningRun], Mapping[str, Mapping[str, float]]], Sequence[Seen]]
+"""What some runs come to with parameters by family and name."""
 
 
 def rounded_down(value: float) -> float:
@@ -111,29 +84,24 @@ class Tuner:
     """Rounds of runs, each with the parameters that the last one proposed.
 
     Args:
-        robot: its name.
         runs: to choose from in each round.
         slopes: the alphas to try.
         ratios: by family, the least alpha epsilon that leaves the robot's postures alone.
         options: checked.
-        folder: the parameters of each round are kept there.
-        console: for the progress.
+        make_round: carries out a round.
     """
 
     def __init__(
         self,
-        robot: str,
         runs: Sequence[TuningRun],
         slopes: Sequence[float],
         ratios: Mapping[str, float],
         options: TuneOptions,
-        folder: Path,
-        console: Console,
+        make_round: Round,
     ) -> None:
-        self._robot, self._runs, self._slopes, self._ratios = robot, runs, slopes, ratios
-        self._options, self._folder, self._console = options, folder, console
-        self._margins = {f: options.margin_angle if f == "joint_limit" else options.margin for f in GUARANTEED}
-        self._rounds = 0
+        self._runs, self._slopes, self._ratios = runs, slopes, ratios
+        self._options, self._make_round = options, make_round
+        self._margins = margins_of(options)
 
     def run(self, before: dict[str, Choice]) -> dict[str, Choice]:
         """The parameters of every family."""
@@ -254,13 +222,8 @@ class Tuner:
         lower = rounded_down(max(LEAST, min(known.allowed, CAUTION * known.epsilon)))
         return replace(known, epsilon=max(least, lower), note="margin missed")
 
-    def _round(self, chosen: dict[str, Choice]) -> list[Seen]:
+    def _round(self, chosen: dict[str, Choice]) -> Sequence[Seen]:
         """All runs that measure a family which is not settled."""
-        self._rounds += 1
-        file = self._folder / f"round-{self._rounds}.toml"
-        tables = {f: {"alpha": c.alpha, "epsilon": c.epsilon} for f, c in chosen.items()}
-        write_tuning(file, Tuning(tables, {"robot": self._robot}))
         open_families = {f for f, c in chosen.items() if not c.settled}
-        tasks = [TuningTask(r, file, self._margins) for r in self._runs if open_families & set(r.families)]
-        self._console.print(f"round {self._rounds}: " + "; ".join(f"{f} {tables[f]}" for f in sorted(open_families)))
-        return list(in_parallel(tasks, self._options.jobs, self._console))
+        runs = [r for r in self._runs if open_families & set(r.families)]
+        return self._make_round(runs, {f: {"alpha": c.alpha, "epsilon": c.epsilon} for f, c in chosen.items()})

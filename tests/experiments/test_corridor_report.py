@@ -19,6 +19,7 @@ from experiments.scenarios.corridor import (
     Corridor,
 )
 from experiments.studies.corridor import report_scene
+from experiments.studies.index import read_study
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from tests.support.corridor import DURATION
@@ -77,7 +78,7 @@ def call(folder: Path, monkeypatch: pytest.MonkeyPatch, *arguments: str) -> obje
         (["--weight", "0"], ["weight = 0.0", "above 0"]),
         (["--margins", "all"], ["margins = 'all'", "shared, own"]),
         (["--seed", "-1"], ["seed = -1"]),
-        (["--out", "plain/below"], ["out = 'plain/below'", "a folder that can be written"]),
+        (["--out", "plain/below"], ["out = '", "plain/below'", "a folder that can be written"]),
     ],
     ids=" ".join,
 )
@@ -104,12 +105,18 @@ def test_a_run_leaves_what_is_needed_to_look_at_it_again(
     arguments = ("--filters", "pssa", NAIVE, "--duration", "0.2", "--gap", "0.15", "--no-report", "--out", "here")
     assert call(tmp_path, monkeypatch, *arguments) == 0
     files = sorted(str(p.relative_to(tmp_path / "here")) for p in (tmp_path / "here").rglob("*") if p.is_file())
-    kept = [f"{name}/{file}" for name in ("pssa", NAIVE) for file in DATA]
-    assert files == sorted(["filters.json", *kept])
+    kept = {f"{name}/{file}" for name in ("pssa", NAIVE) for file in DATA}
+    assert kept < set(files)
+    assert "report.html" not in files
     config = json.loads((tmp_path / "here" / "pssa" / "config.json").read_text())
     assert config["scenario"]["gap"] == 0.15
-    summary = json.loads((tmp_path / "here" / "filters.json").read_text())
-    assert [entry["name"] for entry in summary] == ["pssa", NAIVE]
+    rows = read_study(tmp_path / "here").rows()
+    assert [row.labels["filter"] for row in rows] == ["pssa", NAIVE]
+    for row in rows:
+        summary = json.loads((tmp_path / "here" / str(row.folder) / "summary.json").read_text())
+        assert {name: summary[name] for name in row.metrics if name != "cpu_s"} == {
+            name: value for name, value in row.metrics.items() if name != "cpu_s"
+        }
     with np.load(tmp_path / "here" / "pssa" / "series.npz") as series:
         assert series["q"].shape == (20, 17)
         assert series["h_obstacle"].shape == (20, 19, 3)
@@ -117,3 +124,15 @@ def test_a_run_leaves_what_is_needed_to_look_at_it_again(
     out = capsys.readouterr().out
     assert "|  | pssa | ssa-naive |" in out
     assert "| infeasible ticks |" in out
+
+
+def test_a_second_call_takes_the_runs_that_are_there_and_makes_the_rest(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ("--duration", "0.2", "--no-report", "--jobs", "1", "--out", "here", "--filters")
+    assert call(tmp_path, monkeypatch, *arguments, "cbf") == 0
+    kept = {path.name: path.read_bytes() for path in (tmp_path / "here" / "rows").iterdir()}
+    assert call(tmp_path, monkeypatch, *arguments, "cbf", "none") == 0
+    now = {path.name: path.read_bytes() for path in (tmp_path / "here" / "rows").iterdir()}
+    assert kept.items() < now.items()
+    assert len(now) == 2

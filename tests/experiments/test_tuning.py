@@ -3,7 +3,7 @@
 import dataclasses
 import itertools
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +13,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
+from experiments.recording.plain import plain
 from experiments.recording.recording import GUARANTEED
 from experiments.running.run import plant_config
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import PlantOptions
 from experiments.studies import tune as tuning
-from experiments.studies import tuner as rounds_of_runs
+from experiments.studies.index import read_study
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tune import check_tune, possible_runs, slopes, start_choices
-from experiments.studies.tuner import GROWTH, SPARE, Choice, Seen, Tuner, rounded_down, rounded_up
+from experiments.studies.tuner import GROWTH, SPARE, Choice, Tuner, rounded_down, rounded_up
 from experiments.studies.tuning_measure import Measured, family_epsilon, weighed_push
+from experiments.studies.tuning_rounds import Seen, margins_of, row_of, seen_in
 from experiments.studies.tuning_scenarios import TuningRun, corner_plants, payload, posture_ratios, torso_targets
+from experiments.studies.work import WorkOptions
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -72,22 +75,24 @@ def test_the_weighed_push_is_the_steady_one_that_takes_as_much() -> None:
 
 Model = Callable[[str, float, float], tuple[float, float]]
 
+Parameters = Mapping[str, Mapping[str, float]]
+
 
 def tuner(
     folder: Path,
-    monkeypatch: pytest.MonkeyPatch,
     model: Model,
     falls: Callable[[float, float], bool],
     start: float = 4.0,
     ratios: dict[str, float] | None = None,
     unbound: Callable[[float, float], float] | None = None,
     share: Callable[[str], float] = lambda name: 1.0,
+    begins: str = "",
     **options: Any,
 ) -> tuple[dict[str, Choice], list[dict[str, dict[str, float]]]]:
     """Tunes robots that are formulas: ``model`` gives the push and the squared gradient of a family at alpha, epsilon.
 
     ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds, ``share``
-    the share of the push that reaches a run of that name.
+    the share of the push that reaches a run of that name; only runs whose name ``begins`` like this are made.
 
     Returns:
         The choice, and the parameters of each round.
@@ -95,46 +100,45 @@ def tuner(
     robot = load_robot("g1")
     rounds: list[dict[str, dict[str, float]]] = []
 
-    def runs(tasks: Sequence[Any], jobs: int, console: Any) -> Iterator[Seen]:
-        rounds.append({f: dict(v) for f, v in read_tuning(tasks[0].file, "g1").families.items()})
-        for task in tasks:
-            measured = []
-            for family in task.run.families:
-                alpha, epsilon = (rounds[-1][family][key] for key in ("alpha", "epsilon"))
-                push, squared = model(family, alpha, epsilon)
-                push *= share(task.run.name)
-                margin = task.margins[family]
-                least = (squared / epsilon - push) / alpha
-                measured.append(Measured(family, least, squared / (alpha * margin + push), push, squared, 100))
-            own = rounds[-1]["self_collision"]
-            if unbound is not None and task.run.name.startswith("cross"):
-                measured = [m for m in measured if m.family != "self_collision"]
-                least = unbound(own["alpha"], own["epsilon"])
-                measured.append(Measured("self_collision", least, math.inf, 0.0, math.nan, 0))
-            legs = rounds[-1]["leg_collision"]
-            fell = "leg_collision" in task.run.families and falls(legs["alpha"], legs["epsilon"])
-            yield Seen(task.run, "fell" if fell else "", tuple(measured))
+    def make_round(runs: Sequence[TuningRun], parameters: Parameters) -> list[Seen]:
+        rounds.append({f: dict(v) for f, v in parameters.items()})
+        return [come_to(run) for run in runs]
 
-    monkeypatch.setattr(rounds_of_runs, "in_parallel", runs)
+    def come_to(run: TuningRun) -> Seen:
+        measured = []
+        for family in run.families:
+            alpha, epsilon = (rounds[-1][family][key] for key in ("alpha", "epsilon"))
+            push, squared = model(family, alpha, epsilon)
+            push *= share(run.name)
+            margin = margins[family]
+            least = (squared / epsilon - push) / alpha
+            measured.append(Measured(family, least, squared / (alpha * margin + push), push, squared, 100))
+        own = rounds[-1]["self_collision"]
+        if unbound is not None and run.name.startswith("cross"):
+            measured = [m for m in measured if m.family != "self_collision"]
+            least = unbound(own["alpha"], own["epsilon"])
+            measured.append(Measured("self_collision", least, math.inf, 0.0, math.nan, 0))
+        legs = rounds[-1]["leg_collision"]
+        fell = "leg_collision" in run.families and falls(legs["alpha"], legs["epsilon"])
+        return Seen(run, "fell" if fell else "", tuple(measured))
+
     begin = folder / "start.toml"
     write_tuning(begin, Tuning({f: {"alpha": 5.0, "epsilon": start} for f in GUARANTEED}))
     chosen_options = TuneOptions(start=begin, **options)
-    before = start_choices(robot, chosen_options)
-    possible, alphas = possible_runs(robot, chosen_options), slopes(robot, chosen_options)
-    made = Tuner(robot.name, possible, alphas, ratios or {}, chosen_options, folder, tuning.make_console())
-    return made.run(before), rounds
+    before, margins = start_choices(robot, chosen_options), margins_of(chosen_options)
+    alphas = slopes(robot, chosen_options)
+    possible = [run for run in possible_runs(robot, chosen_options) if run.name.startswith(begins)]
+    return Tuner(possible, alphas, ratios or {}, chosen_options, make_round).run(before), rounds
 
 
 @pytest.mark.parametrize("start", [0.2, 2.0, 20.0])
-def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
-    start: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(start: float, tmp_path: Path) -> None:
     """The push grows with the speed that epsilon asks for, so that what is measured first is not the answer."""
 
     def model(family: str, alpha: float, epsilon: float) -> tuple[float, float]:
         return (0.1 if family == "workspace" else 0.02) * (1.0 + 0.1 / epsilon), 0.06
 
-    chosen, rounds = tuner(tmp_path, monkeypatch, model, lambda alpha, epsilon: False, start, rounds=15)
+    chosen, rounds = tuner(tmp_path, model, lambda alpha, epsilon: False, start, rounds=15)
     for family, choice in chosen.items():
         push, squared = model(family, choice.alpha, choice.epsilon)
         margin = TuneOptions().margin_angle if family == "joint_limit" else TuneOptions().margin
@@ -153,7 +157,7 @@ def test_each_family_ends_with_the_largest_epsilon_that_keeps_its_margin(
         assert max(b / a for a, b in itertools.pairwise(values)) <= GROWTH + 1e-9
 
 
-def test_the_run_that_is_pushed_most_decides(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_run_that_is_pushed_most_decides(tmp_path: Path) -> None:
     def model(family: str, alpha: float, epsilon: float) -> tuple[float, float]:
         return 0.02, 0.06
 
@@ -162,8 +166,8 @@ def test_the_run_that_is_pushed_most_decides(tmp_path: Path, monkeypatch: pytest
 
     for folder in ("all", "one"):
         (tmp_path / folder).mkdir()
-    everywhere, _ = tuner(tmp_path / "all", monkeypatch, model, lambda alpha, epsilon: False, rounds=15)
-    somewhere, _ = tuner(tmp_path / "one", monkeypatch, model, lambda alpha, epsilon: False, rounds=15, share=alone)
+    everywhere, _ = tuner(tmp_path / "all", model, lambda alpha, epsilon: False, rounds=15)
+    somewhere, _ = tuner(tmp_path / "one", model, lambda alpha, epsilon: False, rounds=15, share=alone)
     arms = ("self_collision", "workspace", "joint_limit")
     assert {f: somewhere[f].epsilon for f in arms} == {f: everywhere[f].epsilon for f in arms}
     assert all(somewhere[f].where.endswith("loaded") for f in arms)
@@ -182,30 +186,24 @@ def test_numbers_of_a_file_have_two_digits_and_are_not_above_what_was_found(valu
     assert up == float(f"{up:.2g}")
 
 
-def test_a_slope_whose_overshoot_costs_more_is_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen, _ = tuner(
-        tmp_path, monkeypatch, lambda f, alpha, epsilon: (2e-4 * alpha**3, 0.06), lambda alpha, epsilon: False
-    )
+def test_a_slope_whose_overshoot_costs_more_is_not_taken(tmp_path: Path) -> None:
+    chosen, _ = tuner(tmp_path, lambda f, alpha, epsilon: (2e-4 * alpha**3, 0.06), lambda alpha, epsilon: False)
     assert {c.alpha for c in chosen.values()} <= {3.0, 5.0}
 
 
-def test_parameters_with_which_a_robot_falls_are_not_taken(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen, _ = tuner(tmp_path, monkeypatch, lambda f, a, e: (0.02, 0.06), lambda alpha, epsilon: alpha > 4.0)
+def test_parameters_with_which_a_robot_falls_are_not_taken(tmp_path: Path) -> None:
+    chosen, _ = tuner(tmp_path, lambda f, a, e: (0.02, 0.06), lambda alpha, epsilon: alpha > 4.0)
     assert chosen["leg_collision"].alpha == 3.0
     assert chosen["self_collision"].alpha == 8.5
-    chosen, _ = tuner(tmp_path, monkeypatch, lambda f, a, e: (0.02, 0.06), lambda alpha, epsilon: True)
+    chosen, _ = tuner(tmp_path, lambda f, a, e: (0.02, 0.06), lambda alpha, epsilon: True)
     own = chosen["leg_collision"]
     assert (own.alpha, own.epsilon) == (5.0, 4.0)
     assert own.note.startswith("kept: ")
 
 
-def test_postures_are_left_alone_even_where_the_margin_is_missed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_postures_are_left_alone_even_where_the_margin_is_missed(tmp_path: Path) -> None:
     ratios = {"self_collision": 8.0}
-    chosen, rounds = tuner(
-        tmp_path, monkeypatch, lambda f, a, e: (0.05, 0.06), lambda a, e: False, ratios=ratios, rounds=9
-    )
+    chosen, rounds = tuner(tmp_path, lambda f, a, e: (0.05, 0.06), lambda a, e: False, ratios=ratios, rounds=9)
     own = chosen["self_collision"]
     assert own.note == "margin missed at the least epsilon that leaves the robot's postures alone"
     assert own.alpha * own.epsilon >= SPARE * 8.0
@@ -222,29 +220,23 @@ def test_no_posture_of_a_robot_is_pushed_by_its_filter(robot_name: str) -> None:
         assert choice.alpha * choice.epsilon >= ratios[family]
 
 
-def test_other_families_are_left_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen, rounds = tuner(
-        tmp_path, monkeypatch, lambda f, a, e: (0.02, 0.06), lambda a, e: False, only=("self_collision",)
-    )
+def test_other_families_are_left_alone(tmp_path: Path) -> None:
+    chosen, rounds = tuner(tmp_path, lambda f, a, e: (0.02, 0.06), lambda a, e: False, only=("self_collision",))
     for family in set(GUARANTEED) - {"self_collision"}:
         assert (chosen[family].alpha, chosen[family].epsilon) == (5.0, 4.0)
         assert all(r[family] == rounds[0][family] for r in rounds)
 
 
 @pytest.mark.parametrize("scenarios", ["all", "cross"])
-def test_a_barrier_below_its_margin_counts_where_no_condition_bound(
-    scenarios: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_barrier_below_its_margin_counts_where_no_condition_bound(scenarios: str, tmp_path: Path) -> None:
     margin = TuneOptions().margin
 
     def unbound(alpha: float, epsilon: float) -> float:
         return 0.02 / (alpha * epsilon)
 
-    if scenarios == "cross":
-        only = [run for run in possible_runs(load_robot("g1"), TuneOptions()) if run.name.startswith("cross")]
-        monkeypatch.setitem(globals(), "possible_runs", lambda robot, options: only)
+    start = "cross" if scenarios == "cross" else ""
     chosen, rounds = tuner(
-        tmp_path, monkeypatch, lambda f, a, e: (0.001, 0.06), lambda a, e: False, unbound=unbound, rounds=15
+        tmp_path, lambda f, a, e: (0.001, 0.06), lambda a, e: False, unbound=unbound, begins=start, rounds=15
     )
     own = chosen["self_collision"]
     assert own.note == "keeps its margin"
@@ -256,14 +248,12 @@ def test_a_barrier_below_its_margin_counts_where_no_condition_bound(
 
 @pytest.mark.parametrize("count", [1, 2, 3, 4])
 @pytest.mark.parametrize("start", [0.5, 4.0, 20.0])
-def test_what_is_written_when_rounds_end_is_what_a_run_has_tried(
-    count: int, start: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_what_is_written_when_rounds_end_is_what_a_run_has_tried(count: int, start: float, tmp_path: Path) -> None:
     # the push grows with what epsilon asks for, so that it sinks round after round
     def model(family: str, alpha: float, epsilon: float) -> tuple[float, float]:
         return 0.02 * (1.0 + 1.0 / epsilon), 0.06
 
-    chosen, rounds = tuner(tmp_path, monkeypatch, model, lambda a, e: False, start, rounds=count)
+    chosen, rounds = tuner(tmp_path, model, lambda a, e: False, start, rounds=count)
     for family, choice in chosen.items():
         assert {"alpha": choice.alpha, "epsilon": choice.epsilon} in [r[family] for r in rounds]
         push, squared = model(family, choice.alpha, choice.epsilon)
@@ -274,20 +264,20 @@ def test_what_is_written_when_rounds_end_is_what_a_run_has_tried(
             assert ("rounds ended before epsilon" in choice.note) == (count == 1 or choice.least < margin)
 
 
-def test_what_cannot_be_reached_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    chosen, _ = tuner(tmp_path, monkeypatch, lambda f, a, e: (5.0, 0.01), lambda a, e: False, rounds=3)
+def test_what_cannot_be_reached_is_said(tmp_path: Path) -> None:
+    chosen, _ = tuner(tmp_path, lambda f, a, e: (5.0, 0.01), lambda a, e: False, rounds=3)
     for choice in chosen.values():
         assert choice.note == "margin missed at the least epsilon that is tried"
         assert choice.least < 0
 
 
-def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path) -> None:
     """One short run whose hands come to the torso."""
     short = HandTracking(motion="target", duration=0.8, plant=PlantOptions(mass_scale=1.2))
     run = TuningRun("target", ("self_collision", "joint_limit"), short)
-    monkeypatch.setattr(tuning, "possible_runs", lambda robot, options: [run])
-    options = TuneOptions(alphas=(5.0,), rounds=2, jobs=1, out=tmp_path / "tuned")
-    code = tuning.tune(options)
+    options = TuneOptions(alphas=(5.0,), rounds=2, work=WorkOptions(jobs=1, out=tmp_path / "tuned"))
+    robot = load_robot("g1")
+    code = tuning.tune_with(robot, [run], options)
     found = read_tuning(tmp_path / "tuned" / "tuning.toml", "g1")
     assert set(found.families) == set(GUARANTEED)
     assert found.tuned["runs"] == ["target"]
@@ -295,6 +285,29 @@ def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path, monkeypatch
     assert code == (0 if found.tuned["self_collision_note"] == "keeps its margin" else 1)
     with pytest.raises(ConfigError, match="robot"):
         read_tuning(tmp_path / "tuned" / "tuning.toml", "tocabi")
+    # the same again takes what is there, and comes to the same
+    rows = {path: path.stat().st_mtime_ns for path in (tmp_path / "tuned" / "rows").iterdir()}
+    assert tuning.tune_with(robot, [run], options) == code
+    assert read_tuning(tmp_path / "tuned" / "tuning.toml", "g1") == found
+    assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tuned" / "rows").iterdir()} == rows
+    study = read_study(tmp_path / "tuned")
+    assert [row.labels["run"] for row in study.rows()] == ["target"] * len(rows)
+
+
+def test_what_a_row_of_a_run_keeps_is_what_was_measured() -> None:
+    run = TuningRun("target", ("self_collision", "joint_limit", "obstacle"), HandTracking(motion="target"))
+    for measured in (
+        (Measured("self_collision", 0.003, 2.5, 0.04, 0.06, 17), Measured("joint_limit", 0.1, math.inf, 0.0, 0.5, 0)),
+        (Measured("obstacle", -0.001, 0.2, 0.3, 0.07, 3),),
+        (),
+    ):
+        assert seen_in(run, plain(row_of(measured, {"fell": False, "stop_cause": None}))) == Seen(run, "", measured)
+    # what was not a number is not one again
+    nothing = Measured("self_collision", 0.2, math.inf, 0.0, math.nan, 0)
+    again = seen_in(run, plain(row_of((nothing,), {"fell": True, "stop_cause": "x"})))
+    assert again.ended == "fell"
+    assert dataclasses.replace(again.measured[0], squared=0.0) == dataclasses.replace(nothing, squared=0.0)
+    assert math.isnan(again.measured[0].squared)
 
 
 @pytest.mark.parametrize(
@@ -309,12 +322,12 @@ def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path, monkeypatch
         {"alphas": ()},
         {"alphas": (50.0,)},
         {"rounds": 0},
-        {"jobs": 0},
+        {"work": WorkOptions(jobs=0)},
         {"only": ("elbows",)},
     ],
 )
 def test_options_that_are_not_allowed_are_refused(change: dict[str, Any]) -> None:
-    with pytest.raises(ConfigError, match=next(iter(change))):
+    with pytest.raises(ConfigError, match=next(iter(change)).replace("work", "jobs")):
         check_tune(TuneOptions(**change))
 
 

@@ -33,7 +33,7 @@ demo: $(STAMP) ## The first run: simulation, report and video.
 test: $(STAMP) ## All tests.
 	$(BIN)/python -m pytest $(PYTEST_ARGS)
 
-lint: $(STAMP) ## Lint, format and types; changes nothing.
+lint: $(STAMP) ## Lint, format and types, of the tests too; changes nothing.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy

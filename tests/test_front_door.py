@@ -35,8 +35,9 @@ def test_every_name_is_the_object_of_the_module_that_defines_it() -> None:
 
 
 def test_the_names_are_a_list_that_one_can_read() -> None:
-    assert sw.__all__ == dir(sw) == sorted(set(sw.__all__))
-    assert 40 <= len(sw.__all__) <= 60
+    names = vars(sw)["__all__"]  # the stub, which is what a type checker sees, has none
+    assert names == dir(sw) == sorted(set(names))
+    assert 40 <= len(names) <= 60
 
 
 def test_the_stub_exports_each_name_as_itself_and_says_nothing_else() -> None:

@@ -3,6 +3,7 @@
 import tracemalloc
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -33,14 +34,14 @@ HEAVY = PhysicalChanges(mass_scale=1.2)
 class Watch(Observer):
     """Keeps the last of everything, and calls ``act`` before every tick."""
 
-    def __init__(self, act: Callable[[ClosedLoop], None] | None = None) -> None:
+    def __init__(self, act: Callable[[ClosedLoop[Any]], None] | None = None) -> None:
         self.act = act
         self.outputs: list[AgentOutput] = []
 
-    def ticked(self, loop: ClosedLoop, state: RobotState, output: AgentOutput, seconds: float) -> None:
+    def ticked(self, loop: ClosedLoop[Any], state: RobotState, output: AgentOutput, seconds: float) -> None:
         self.outputs.append(output)
 
-    def ends(self, loop: ClosedLoop) -> bool:
+    def ends(self, loop: ClosedLoop[Any]) -> bool:
         if self.act is not None:
             self.act(loop)
         return False
@@ -68,7 +69,7 @@ def standing_plant(robot: RobotDescription, posture: str = "standing", heavy: bo
 
 def hand_agent(robot: RobotDescription, **options: object) -> tuple[MujocoPlant, Agent]:
     plant = standing_plant(robot, "hands_front")
-    agent = Agent(robot, motions=[HandTargets], with_hands=True, **options)  # type: ignore[arg-type]
+    agent = Agent(robot, motions=[HandTargets], with_hands=True, **options)
     agent.reset(plant.state())
     return plant, agent
 
@@ -221,7 +222,7 @@ def test_obstacles_appear_and_go(robot: RobotDescription) -> None:
     def around(t: float) -> dict[str, Obstacle]:
         return {"ball": sphere_at(place)} if 0.5 < t < 2.0 else {}
 
-    def forgets(loop: ClosedLoop) -> None:
+    def forgets(loop: ClosedLoop[Any]) -> None:
         if loop.time > 2.0:
             agent.forget("ball")
 

@@ -167,7 +167,7 @@ def test_no_perturbation_leaves_dynwbc_without_an_answer(name: str) -> None:
         problems.append(problem)
         return solve(problem)
 
-    controller.dynwbc.solve = kept  # type: ignore[method-assign]
+    controller.dynwbc.solve = kept
     controller.reset(state)
     controller.tick(state, reference)
     problem, rng = problems[0], np.random.default_rng(0)

@@ -174,7 +174,7 @@ def test_other_gains_of_a_task_count_in_the_next_tick() -> None:
     kin = course.controller.kin
     for point in course.reference.hands or ():
         point.position[:] = kin.frame_placement(kin.frame_id("left_palm"))[1]
-    course.reference.hands[0].position[2] += 0.01  # type: ignore[index]
+    course.reference.hands[0].position[2] += 0.01
     hand = kin.frame_id(kin.robot.roles["left_hand"])
 
     def asked() -> Array:

@@ -17,8 +17,8 @@ from controllers.motions.hands import (
     HandsToTargets,
     Motion,
     circle_settings,
-    quintic,
 )
+from controllers.motions.quintic import quintic
 from controllers.reference import PointReference, WholeBodyReference, reference_here
 from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError

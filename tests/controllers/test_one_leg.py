@@ -199,7 +199,7 @@ def test_a_late_foot_goes_on_down_and_no_further_than_allowed(robot: RobotDescri
     nothing: Forces = lambda gait, t: np.array([drive.weight, 0.0])  # noqa: E731
     drive.until(Phase.LOWER)
     path = np.array([foot[2] for _, foot in drive.run(2.0, nothing)])
-    assert drive.gait.phase is Phase.LOWER
+    assert [drive.gait.phase] == [Phase.LOWER]
     assert not drive.reference.in_contact[RIGHT]
     assert (np.diff(path) <= 1e-12).all()
     assert path[-1] == pytest.approx(drive.soles[RIGHT][2] - TUNING.late_depth)

@@ -217,6 +217,6 @@ def test_what_cannot_be_a_place_is_refused() -> None:
     with pytest.raises(ConfigError, match="damped_below"):
         PlacedTask(CenterOfMassTask(GAINS), "other", 1.0, 0.0)
     with pytest.raises(ConfigError, match="placed task"):
-        PlacedTask("com", "other", 1.0)  # type: ignore[arg-type]
+        PlacedTask("com", "other", 1.0)
     with pytest.raises(ConfigError, match="names of tasks"):
         ready(lambda kin: [PlacedTask(PostureTask(29, GAINS, name="posture"), "other", 70)])

@@ -310,7 +310,7 @@ def scripted(failing: Iterable[bool], part: str) -> tuple[Supervisor, RobotState
     supervisor, reference = supervised(load_robot("g1"))
     state = at_rest(load_robot("g1"))
     sound = supervisor.controller.tick(state, reference)
-    supervisor.controller = Scripted(supervisor, sound, failing, part)  # type: ignore[assignment]
+    supervisor.controller = Scripted(supervisor, sound, failing, part)
     return supervisor, state, reference
 
 

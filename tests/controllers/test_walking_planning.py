@@ -95,7 +95,7 @@ def test_speed_changes_step_by_step() -> None:
     walk.walking.command = VelocityCommand(vx=0.25)
     strides = []
     for step in range(1, 5):
-        walk.until(lambda tick, step=step: tick.steps == step)  # type: ignore[misc]
+        walk.until(lambda tick, step=step: tick.steps == step)
         strides.append(abs(walk.apart()[0]))
     expected = [speed * tuning.timing.period(speed) for speed in (0.1, 0.2, 0.25, 0.25)]
     np.testing.assert_allclose(strides, expected, rtol=0, atol=1e-6)

@@ -279,7 +279,7 @@ def test_what_is_there_before_the_ticks_is_out_of_the_collectors_sight_until_the
 def test_a_stopped_robot_is_put_back(g1: RobotDescription) -> None:
     course = Course(g1, UNFILTERED, Scene("nowhere", ()))
     obstacles = course.adversary.obstacles
-    course.adversary.obstacles = lambda spots: [*obstacles(spots), Obstacle.sphere(np.zeros(3), 0.1)]  # type: ignore[method-assign]
+    course.adversary.obstacles = lambda spots: [*obstacles(spots), Obstacle.sphere(np.zeros(3), 0.1)]
     figures = play([course], 20)
     assert figures.stops == 20
     assert sum(figures.statuses.values()) == 0

@@ -19,6 +19,7 @@ from experiments.cli import main as cli
 from experiments.recording.recording import load_recording
 from experiments.running import terminal, warmup
 from experiments.running.loop import Observer
+from experiments.running.run import run_prepared
 from experiments.scenarios.options import OutputOptions, PlantOptions
 from experiments.scenarios.registry import SCENARIOS
 from experiments.scenarios.scenario import Scenario
@@ -415,7 +416,6 @@ def test_what_was_simulated_is_saved_when_an_observer_raises(
         def ended(self, loop: object) -> None:
             raise OSError("terminal is gone")
 
-    run_prepared = console.run_prepared
     monkeypatch.setattr(console, "run_prepared", lambda given, observers: run_prepared(given, (*observers, Broken())))
     outcome = safewbc("run", "stand", "--duration", "0.1", "--out", "b", *QUICK)
     assert outcome.code == 2

@@ -12,6 +12,8 @@ import pytest
 from experiments.cli import main as cli
 from experiments.recording.recording import load_recording
 from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.registry import SCENARIOS
+from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
 from experiments.studies import pushes, results_tables
 from experiments.studies.backends import LocalBackend
@@ -69,7 +71,7 @@ def test_a_run_is_made_again(name: str, tmp_path: Path, monkeypatch: pytest.Monk
 
 
 def test_every_scenario_of_the_command_line_is_among_them() -> None:
-    assert set(RUNS) == {scenario.name for scenario in cli.SCENARIOS}
+    assert set(RUNS) == {scenario.name for scenario in SCENARIOS}
 
 
 def test_a_robot_of_ones_own_is_found_again_and_a_changed_one_is_the_reason(
@@ -133,7 +135,9 @@ def test_a_section_of_the_locomotion_table(section: str, tmp_path: Path, monkeyp
     options = LocomotionTableOptions(only=(section,), quick=True)
     case = next(case for part in chosen_tables(options) for case in part.cases)
     assert isinstance(case.evaluate, Run)
-    short = replace(case.evaluate, scenario=replace(case.evaluate.scenario, duration=4.1))
+    scenario = case.evaluate.scenario
+    assert isinstance(scenario, Scenario)
+    short = replace(case.evaluate, scenario=replace(scenario, duration=4.1))
     carried_out([replace(case, evaluate=short)], tmp_path / "table")
     assert_replayed(tmp_path / "table", tmp_path, monkeypatch, 1)
 

@@ -179,7 +179,7 @@ def test_achieved_speed_of_a_straight_way() -> None:
     ("change", "named"), [({"only": ("all",)}, "all"), ({"only": ()}, "only"), ({"work": WorkOptions(jobs=0)}, "jobs")]
 )
 def test_wrong_options_are_refused_before_any_run(change: dict[str, object], named: str, tmp_path: Path) -> None:
-    options = dataclasses.replace(LocomotionTableOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(LocomotionTableOptions(), **change)
     options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         locomotion_table.locomotion_table(options)

@@ -14,6 +14,7 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.pushes import Push
 from experiments.scenarios.registry import RUNNABLE, read_scenario, scenario_called
+from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
@@ -110,6 +111,7 @@ def test_a_scenario_of_ones_own_is_a_command_with_a_report_and_can_be_replayed(
     assert "Height of the ceiling" in helped.stdout
     monkeypatch.syspath_prepend(tmp_path)
     scenario = read_scenario(result.config["scenario"])
+    assert isinstance(scenario, Scenario)
     assert dataclasses.asdict(scenario)["ceiling"] == 0.95
     assert scenario.key() != dataclasses.replace(scenario, duration=0.3).key()
 

@@ -9,7 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from controllers.gaits.walking import walk_tuning
 from experiments.running.run import run
+from experiments.scenarios.pushed import SPEED
 from experiments.scenarios.pushes import PUSH_TIME
 from experiments.studies import pushes as push_search
 from experiments.studies.case import Case
@@ -115,7 +117,7 @@ def test_the_worst_of_the_cases_counts(limits: list[int], top: int) -> None:
 def test_instants_of_walking_are_evenly_spread_over_one_step() -> None:
     pushes = cases("g1", "walking", "sideways", 1.0)
     times = sorted({case.time for case in pushes})
-    gaps = np.diff([*times, times[0] + push_search.walk_tuning(load_robot("g1")).timing.period(push_search.SPEED)])
+    gaps = np.diff([*times, times[0] + walk_tuning(load_robot("g1")).timing.period(SPEED)])
     np.testing.assert_allclose(gaps, gaps[0], atol=1e-9)
     assert {(case.time, case.direction) for case in pushes} == {(t, d) for t in times for d in ("left", "right")}
 
@@ -164,7 +166,7 @@ def test_a_strong_push_fells_the_robot_and_the_run_then_ends() -> None:
 def test_wrong_options_are_refused_before_anything_is_written(
     change: dict[str, object], named: str, tmp_path: Path
 ) -> None:
-    options = dataclasses.replace(PushSearchOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(PushSearchOptions(), **change)
     options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         push_search.pushes(options)

@@ -130,7 +130,7 @@ def test_falls_are_counted_and_named() -> None:
     ],
 )
 def test_wrong_options_are_refused_before_any_run(change: dict[str, object], named: str, tmp_path: Path) -> None:
-    options = dataclasses.replace(RandomWalksOptions(), **change)  # type: ignore[arg-type]
+    options = dataclasses.replace(RandomWalksOptions(), **change)
     options = dataclasses.replace(options, work=dataclasses.replace(options.work, out=tmp_path / "runs"))
     with pytest.raises(SafeWbcError, match=named):
         study.random_walks(options)

@@ -44,7 +44,7 @@ class Outer:
 
 
 def through_json(value: object) -> Any:
-    return json.loads(json.dumps(plain(dataclasses.asdict(value))))  # type: ignore[call-overload]
+    return json.loads(json.dumps(plain(dataclasses.asdict(value))))
 
 
 @pytest.mark.parametrize(

@@ -125,7 +125,7 @@ def test_the_sphere_of_a_draw_is_the_one_that_runs() -> None:
 @pytest.mark.parametrize("change", [{"radius": 0.0}, {"speed": -0.1}, {"height": 0.2}, {"height": np.nan}])
 def test_a_passage_that_cannot_be_is_refused(change: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=f"passing sphere {next(iter(change))}"):
-        Passage(**change)  # type: ignore[arg-type]
+        Passage(**change)
 
 
 def test_sets_of_parameters_are_compared_on_the_same_draws(tmp_path: Path) -> None:
@@ -145,7 +145,7 @@ def test_sets_of_parameters_are_compared_on_the_same_draws(tmp_path: Path) -> No
         assert a.safety.tuning == c.safety.tuning
         assert (a.safety.adaptive, c.safety.adaptive) == (False, True)
         assert b.safety == FilterOptions()
-        assert read_tuning(a.safety.tuning, "tocabi").families == BEFORE["tocabi"]  # type: ignore[arg-type]
+        assert read_tuning(a.safety.tuning, "tocabi").families == BEFORE["tocabi"]
 
 
 def test_before_names_every_family_that_is_tuned(tmp_path: Path) -> None:

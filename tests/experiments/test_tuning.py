@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from controllers.whole_body.tuning_file import Tuning, read_tuning, write_tuning
 from experiments.recording.plain import plain
 from experiments.recording.recording import GUARANTEED
-from experiments.running.run import plant_config
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.resolve import plant_config
 from experiments.studies import tune as tuning
 from experiments.studies.index import read_study
 from experiments.studies.study_options import TuneOptions

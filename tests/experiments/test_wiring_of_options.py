@@ -221,8 +221,8 @@ def test_what_is_believed_of_the_obstacle_follows_the_options(velocity: str, kap
 def test_every_option_of_the_obstacle_reaches_its_sensor() -> None:
     given = {"rate": 45.0, "noise": 0.007, "lost_at": 1.5, "velocity": "true", "kappa": 2.0}
     robot = load_robot("g1")
-    scenario = HandTracking(obstacle=True, **{f"obstacle_{name}": value for name, value in given.items()})  # type: ignore[arg-type]
-    assert [o.sensor for o in scenario.objects(robot)] == [Sensor(**given)]  # type: ignore[arg-type]
+    scenario = HandTracking(obstacle=True, **{f"obstacle_{name}": value for name, value in given.items()})
+    assert [o.sensor for o in scenario.objects(robot)] == [Sensor(**given)]
     assert [o.sensor for o in HandTracking(obstacle=True).objects(robot)] == [Sensor()]
     assert HandTracking().objects(robot) == ()
 

@@ -1,9 +1,12 @@
 """Planar and fixed bases and locked joints against the floating model; velocities and accelerations of the bodies."""
 
+from collections.abc import Callable, Sequence
+
 import numpy as np
 import pinocchio as pin
 import pytest
 
+from robots.description import RobotDescription
 from robots.errors import ConfigError, DescriptionError, UnknownNameError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -15,7 +18,7 @@ from wbc.tasks import PostureTask, TaskGains
 
 STEP = 1e-5
 ROBOTS = {name: load_robot(name) for name in ("g1", "tocabi")}
-JOINT_SETS = {
+JOINT_SETS: dict[str, Callable[[RobotDescription], Sequence[str] | None]] = {
     "all": lambda robot: None,
     "upper": upper_body_joints,
     "every other": lambda robot: robot.joint_names[::2],  # locks joints in the middle of every chain

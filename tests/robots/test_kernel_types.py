@@ -66,14 +66,14 @@ def test_the_digest_heeds_kernels_and_constants_and_nothing_else(root: Path) -> 
 
 
 def test_what_others_compile_is_kept_where_it_always_was() -> None:
-    before = numba.config.CACHE_DIR
+    before = vars(numba.config)["CACHE_DIR"]
 
     @njit()
     def own(x: float) -> float:
         return 2.0 * x
 
     assert own(2.0) == 4.0
-    assert before == numba.config.CACHE_DIR
+    assert before == vars(numba.config)["CACHE_DIR"]
     assert CACHE_FOLDER.name.startswith(CACHE_PREFIX)
 
 

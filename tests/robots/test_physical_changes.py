@@ -158,5 +158,5 @@ def test_unknown_link_is_refused() -> None:
 )
 def test_bad_settings_are_refused(settings: dict[str, object], named: str) -> None:
     with pytest.raises(ConfigError) as caught:
-        PhysicalChanges(**settings)  # type: ignore[arg-type]
+        PhysicalChanges(**settings)
     assert named in str(caught.value)

@@ -111,7 +111,8 @@ def lagging_loop(filtered: Array, lag: float, time: float, dt: float) -> Array:
     share = -math.expm1(-dt / time)
     before = np.r_[0.0, filtered[:-1]]
     pushes = before + (filtered - before) / share
-    v, estimates = 0.25, []
+    v = 0.25
+    estimates: list[Array] = []
     for push in pushes.tolist():
         adapter.told(np.array([0.25 + (estimates[-1] if estimates else 0.0)]))
         estimates.append(1.0 / adapter.epsilon(rows(jac), np.array([v - push]))[0] - 0.25)

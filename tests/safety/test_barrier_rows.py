@@ -51,10 +51,10 @@ def random_obstacles(rng: np.random.Generator, center: Array) -> list[Obstacle]:
     sizes, motion = rng.uniform(0.05, 0.3, OBSTACLES), rng.normal(size=(OBSTACLES, 2, 3))
     turn = pin.rpy.rpyToMatrix(rng.normal(size=3))
     return [
-        Obstacle.capsule(*places[0], sizes[0], *motion[0]),
+        Obstacle.capsule(places[0, 0], places[0, 1], sizes[0], motion[0, 0], motion[0, 1]),
         Obstacle.sphere(places[1, 0], sizes[1], motion[1, 0]),
         Obstacle.box(places[2, 0], turn, sizes[[0, 2, 4]], *motion[2]),
-        Obstacle.capsule(*places[3], sizes[3], *motion[3]),
+        Obstacle.capsule(places[3, 0], places[3, 1], sizes[3], motion[3, 0], motion[3, 1]),
         Obstacle.half_space(places[4, 0], places[4, 1] - places[4, 0], *motion[4]),
     ]
 

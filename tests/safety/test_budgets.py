@@ -37,7 +37,7 @@ def budgets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
         def limited(
             self: object, *args: int, _make: object = search.__init__, _budget: dict[str, int] = budget
         ) -> None:
-            _make(self, *args, **_budget)  # type: ignore[operator]
+            _make(self, *args, **_budget)
 
         monkeypatch.setattr(search, "__init__", limited)
     return rounds, steps
@@ -108,7 +108,7 @@ def test_where_rounding_leaves_no_proof_daqp_is_asked(
     rng = np.random.default_rng(3)
     problems = [problem(rng, conflict) for _ in range(20)]
     expected = [make(name).apply(rows_demanding(A, b, ETA), v_des) for A, b, v_des in problems]
-    monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
+    monkeypatch.setattr(active_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
     same = 0
     monkeypatch.setattr(working_set, "ITERATIONS", 300)
     for (A, b, v_des), right in zip(problems, expected, strict=True):
@@ -130,10 +130,10 @@ def test_daqp_is_asked_for_few_rows_only(monkeypatch: pytest.MonkeyPatch) -> Non
 
     def counted(self: object, given: object, A: Array, b: Array) -> Array | None:
         asked.append(b.size)
-        return solve(self, given, A, b)  # type: ignore[arg-type]
+        return solve(self, given, A, b)
 
     monkeypatch.setattr(working_set._SecondSolver, "solve", counted)
-    monkeypatch.setattr(working_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
+    monkeypatch.setattr(active_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
     monkeypatch.setattr(working_set, "CAPACITY", 25)
     for _ in range(20):
         A, b, v_des = problem(rng, False)

@@ -92,7 +92,7 @@ def test_issf_demands_more_than_cbf_and_less_as_epsilon_grows(rows: BarrierRows)
 @pytest.mark.parametrize("condition", ALL)
 def test_conditions_leave_the_rows_alone(condition: object, rows: BarrierRows) -> None:
     before = [x.copy() for x in (rows.h, rows.jac, rows.dh_dt, rows.family)]
-    spaces = condition(rows, of_rows(rows))  # type: ignore[operator]
+    spaces = condition(rows, of_rows(rows))
     for x, y in zip((rows.h, rows.jac, rows.dh_dt, rows.family), before, strict=True):
         np.testing.assert_array_equal(x, y)
     assert not any(np.shares_memory(spaces.b, x) for x in (rows.h, rows.dh_dt))
@@ -101,7 +101,7 @@ def test_conditions_leave_the_rows_alone(condition: object, rows: BarrierRows) -
 @pytest.mark.parametrize("condition", ALL)
 def test_no_rows_make_no_half_spaces(condition: object) -> None:
     none = BarrierRows(np.zeros(0), np.zeros((0, NV)), np.zeros(0), np.zeros(0, dtype=np.intp))
-    spaces = condition(none, of_rows(none))  # type: ignore[operator]
+    spaces = condition(none, of_rows(none))
     assert spaces.A.shape == (0, NV)
     assert spaces.b.shape == spaces.active.shape == (0,)
 
@@ -115,7 +115,7 @@ def test_parameters_come_in_the_order_of_the_families() -> None:
 @pytest.mark.parametrize("value", [0.0, -1.0, np.nan, np.inf, -np.inf, "5", None])
 def test_parameters_that_are_not_positive_numbers_are_refused_by_name(name: str, value: object) -> None:
     with pytest.raises(ConfigError, match=rf"{name} = .*: must be a finite number above 0") as error:
-        FamilyParameters(**{"alpha": 1.0, "epsilon": 1.0} | {name: value})  # type: ignore[arg-type]
+        FamilyParameters(**{"alpha": 1.0, "epsilon": 1.0} | {name: value})
     assert error.value.name == name
     assert error.value.value is value
 
@@ -163,7 +163,7 @@ def test_default_margins_are_those_of_the_papers(family: str, margin: float, sou
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, "0.1"])
 def test_margins_that_are_not_distances_are_refused(value: object) -> None:
     with pytest.raises(ConfigError, match=r"margin = .*0 or above"):
-        FamilyParameters(margin=value)  # type: ignore[arg-type]
+        FamilyParameters(margin=value)
 
 
 def test_an_index_with_infinite_slope_is_refused() -> None:
@@ -198,7 +198,7 @@ def test_cbf_with_a_margin_is_cbf_of_h_less_the_margin(rows: BarrierRows) -> Non
 
 @pytest.mark.parametrize("condition", [ssa, sss])
 def test_ssa_and_sss_hold_rows_inside_their_margin_only(condition: object, rows: BarrierRows) -> None:
-    spaces = condition(rows, with_margins(rows))  # type: ignore[operator]
+    spaces = condition(rows, with_margins(rows))
     assert 0 < spaces.active.sum() < N
     for i, (h, dh_dt, f) in enumerate(zip(rows.h, rows.dh_dt, rows.family, strict=True)):
         phi = margin_of(f) - h

@@ -295,7 +295,8 @@ class Accelerated:
         heights.append(values[-1])
         raw.append(self.rows(round(duration / dt) * dt).h)
         margin, zero = self.p.margin, np.zeros(n)
-        course = Course(*map(np.array, (heights, rates, bends, falls)), zero, self.row, self.cut)
+        parts = [np.array(part) for part in (heights, rates, bends, falls)]
+        course = Course(parts[0], parts[1], parts[2], parts[3], zero, self.row, self.cut)
         return IndexCourse(course, np.array(within), np.array(raw), margin)
 
 

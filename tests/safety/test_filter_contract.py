@@ -586,5 +586,5 @@ def test_what_a_filter_cannot_be_made_of_is_refused_by_name(arguments: dict[str,
 
 def test_bounds_may_be_a_list() -> None:
     rows = BarrierRows(np.ones(1), np.eye(2)[:1], np.zeros(1), np.zeros(1, dtype=np.intp))
-    filtered = SafetyFilter("cbf", 1, BarrierParameters(), [1.0, 2.0])  # type: ignore[arg-type]
+    filtered = SafetyFilter("cbf", 1, BarrierParameters(), [1.0, 2.0])
     np.testing.assert_array_equal(filtered.apply(rows, np.array([3.0, -3.0])).v, [1.0, -2.0])

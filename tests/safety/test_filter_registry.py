@@ -129,7 +129,7 @@ def test_parameters_of_another_filter_are_refused_by_name(slow: dict[str, Any]) 
             ControllerConfig(filter="slow", safety=FilterTuning(own=bad))
     with pytest.raises(ConfigError, match="this filter has none"):
         ControllerConfig(filter="cbf", safety=FilterTuning(own=slow["Approach"]()))
-    for default in (Loose(), Tight, Tight("much")):  # type: ignore[arg-type]
+    for default in (Loose(), Tight, Tight("much")):
         with pytest.raises(ConfigError):
             FilterKind("odd", "odd", cbf, NEAREST, "here", parameters=default)
 
@@ -157,14 +157,14 @@ def test_names_are_given_once_and_those_of_the_project_stay(forget: None) -> Non
     with pytest.raises(ConfigError, match="not taken"):
         register(replace(KINDS["issf"], title="ours"))
     with pytest.raises(ConfigError, match="FilterKind"):
-        register(cbf)  # type: ignore[arg-type]
+        register(cbf)
     unregister("ours")
     with pytest.raises(ConfigError, match=r"one of none, cbf, issf.*module:name"):
         filter_kind("ours")
     with pytest.raises(ConfigError, match="registered"):
         unregister("cbf")
     with pytest.raises(TypeError):
-        KINDS["ours"] = kind  # type: ignore[index]
+        KINDS["ours"] = kind
 
 
 def test_a_module_is_imported_for_the_filter_it_registers(

@@ -43,7 +43,7 @@ def upright() -> Callable[..., Barrier]:
     code = next(b for b in blocks() if "class UprightBarrier" in b)
     scope: dict[str, Any] = {}
     exec(compile(code, "docs/safety.md", "exec"), scope)
-    return scope["UprightBarrier"]  # type: ignore[no-any-return]
+    return scope["UprightBarrier"]
 
 
 @pytest.mark.parametrize("name", ["g1", "tocabi"])

@@ -82,9 +82,14 @@ def test_the_least_shortfall_is_never_above_what_linear_programming_finds() -> N
     assert least_shortfall(A, b, -np.ones(1), np.ones(1), np.array([0.25, 0.25])) == pytest.approx(0.25, abs=1e-15)
 
 
+def _capsule(rng: np.random.Generator, radius: float) -> Obstacle:
+    start, end, velocity, rate = rng.normal(size=(4, 3))
+    return Obstacle.capsule(start, end, radius, velocity, rate)
+
+
 def test_obstacle_motion_is_that_of_a_rigid_body() -> None:
     rng = np.random.default_rng(6)
-    obstacles = [Obstacle.capsule(*rng.normal(size=(2, 3)), 0.1 + i, *rng.normal(size=(2, 3))) for i in range(4)]
+    obstacles = [_capsule(rng, 0.1 + i) for i in range(4)]
     radius, which = rng.uniform(0.05, 0.2, 9), rng.integers(0, 4, 9)
     reach, twists, rates = np.empty(9), np.empty((4, 6)), np.empty((4, 6))
     obstacle_motion(np.stack([o.packed for o in obstacles]), radius, which, reach, twists, rates)

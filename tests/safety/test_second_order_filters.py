@@ -41,7 +41,7 @@ def scene() -> PointAmongSpheres:
 
 
 def parameters(n: int, **values: float | None) -> RowParameters:
-    family = FamilyParameters(**values)  # type: ignore[arg-type]
+    family = FamilyParameters(**values)
     return BarrierParameters(obstacle=family).of_rows(np.full(n, OBSTACLE, dtype=np.intp), NO_MARGINS)
 
 
@@ -56,7 +56,7 @@ def test_rates_of_the_index_and_of_the_exponential_barrier_are_their_differences
 
         def later(make: object, t: float, x: Array = x, v: Array = v, u: Array = u) -> Array:
             velocity = v + t * u
-            return make(scene.rows(x + t * v + 0.5 * t**2 * u, velocity, t), velocity, p).h  # type: ignore[operator]
+            return make(scene.rows(x + t * v + 0.5 * t**2 * u, velocity, t), velocity, p).h
 
         for make in (index_rows, ecbf_rows):
             rows, step = make(scene.rows(x, v), v, p), 1e-5

@@ -1,5 +1,7 @@
 """Rows that solvers stumble over, and what is done where they do: there is always an answer."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy.optimize import Bounds, minimize
@@ -199,7 +201,12 @@ def test_a_conflict_is_proved_before_the_hard_conditions_are_left_out() -> None:
     resolution = NearestQp(5, 9)
     asked = []
     hard = resolution._hard.solve
-    resolution._hard.solve = lambda *a, **k: asked.append(1) or hard(*a, **k)
+
+    def counted(*given: Any, **named: Any) -> Any:
+        asked.append(1)
+        return hard(*given, **named)
+
+    resolution._hard.solve = counted
     for conflict, expected in ((True, 1), (True, 0), (True, 0), (False, 1), (False, 1), (True, 1)):
         A, b, v_des = problem(rng, conflict)
         asked.clear()

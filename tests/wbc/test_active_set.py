@@ -42,7 +42,7 @@ def around(rng: np.random.Generator, n: int, m: int, room: float = 0.3) -> Probl
 
 def solve(problem: Problem, **options: object) -> tuple[int, Array, Array, ActiveSet]:
     n, m = problem[1].size, len(problem[2])
-    kept = ActiveSet(n, m, **options)  # type: ignore[arg-type]
+    kept = ActiveSet(n, m, **options)
     multipliers = np.zeros(n + m)
     outcome, x = kept.solve(*problem, multipliers)
     return outcome, x, multipliers, kept
@@ -204,7 +204,7 @@ def test_numbers_that_are_not_finite_prove_nothing(slot: int, value: float) -> N
     for place in range(3):
         problem = [part.copy() for part in around(rng, 6, 9)]
         problem[slot].flat[place] = value
-        assert solve(tuple(problem))[0] == UNKNOWN  # type: ignore[arg-type]
+        assert solve(tuple(problem))[0] == UNKNOWN
 
 
 def test_numbers_that_overflow_prove_nothing() -> None:
@@ -212,7 +212,7 @@ def test_numbers_that_overflow_prove_nothing() -> None:
     for slot in range(4):
         problem = [part.copy() for part in around(rng, 6, 9)]
         problem[slot].flat[1] = 1e308
-        assert solve(tuple(problem))[0] in {UNKNOWN, CONTRADICTION}  # type: ignore[arg-type]
+        assert solve(tuple(problem))[0] in {UNKNOWN, CONTRADICTION}
 
 
 @pytest.mark.parametrize("by", [1e-12, 1e-3])

@@ -14,8 +14,9 @@ from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
 from wbc.damped_priorities import damped_velocity
-from wbc.kinwbc import KinWbc, Level, prioritised_velocity
+from wbc.kinwbc import KinWbc, prioritised_velocity
 from wbc.posture import RIDGE
+from wbc.task_block import Level
 from wbc.tasks import FramePositionTask, PostureTask, TaskGains
 
 seeds = st.integers(0, 2**32 - 1)

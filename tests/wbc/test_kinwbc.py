@@ -13,7 +13,8 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
-from wbc.kinwbc import KinWbc, Level, prioritised_velocity
+from wbc.kinwbc import KinWbc, prioritised_velocity
+from wbc.task_block import Level
 from wbc.tasks import (
     CenterOfMassTask,
     FrameOrientationTask,

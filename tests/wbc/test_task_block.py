@@ -193,7 +193,7 @@ def test_a_list_is_a_target_and_feed_forward_that_is_left_out_is_zero(robot: Rob
     kin = moving(robot)
     for task in unset_tasks(kin)[:2]:
         assert isinstance(task, CenterOfMassTask | FramePositionTask)
-        task.set_target([1, 2, 3], np.ones(3), np.ones(3))  # type: ignore[arg-type]
+        task.set_target([1, 2, 3], np.ones(3), np.ones(3))
         np.testing.assert_array_equal(task.velocity, np.ones(3))
         task.set_target(np.ones(3))
         np.testing.assert_array_equal(task.velocity, np.zeros(3))

@@ -89,11 +89,7 @@ class WholeBodyController:
         self._tasks = WholeBodyTasks(self._kin, config, with_hands, self._dynamics.half_sizes, own)
         self._safety = SafetyLevel(self._kin, config, self._dynamics.dynwbc, self._kinds, extra_barriers)
         self._kinematics_time = 0.0
-        self._kp = config.gain_scale * robot.joint_array("kp")
-        self._kd = config.gain_scale * robot.joint_array("kd")
-        for gains in (self._kp, self._kd):
-            # every command hands them out
-            gains.setflags(write=False)
+        self._kp, self._kd = _motor_gains(robot, config.gain_scale)
 
     @property
     def robot(self) -> RobotDescription:
@@ -226,15 +222,33 @@ class WholeBodyController:
         self._safety.change(config)
         self._config = config
 
-    def set_gains(self, tasks: TaskTuning | None = None, dynwbc: DynWbcWeights | None = None) -> None:
-        """Take other gains of KinWBC's tasks, or weights and gains of DynWBC, from the next tick on.
+    def set_gains(
+        self,
+        tasks: TaskTuning | None = None,
+        dynwbc: DynWbcWeights | None = None,
+        dcm_gain: float | None = None,
+        gain_scale: float | None = None,
+    ) -> None:
+        """Take other gains from the next tick on; ``None``: those there are.
 
         Args:
-            tasks: gains, bounds and thresholds; ``None``: those there are.
-            dynwbc: weights and gains; ``None``: those there are.
+            tasks: gains, bounds and thresholds of KinWBC's tasks.
+            dynwbc: weights and gains of DynWBC.
+            dcm_gain: rate at which an error of the DCM decays, above 0 [1/s].
+            gain_scale: factor on the motors' gains of the description, 0 or above.
+
+        Raises:
+            ConfigError: one is not allowed; nothing changes.
         """
         now = self._config
-        self._config = replace(now, tasks=tasks or now.tasks, dynwbc=dynwbc or now.dynwbc)
+        self._config = replace(
+            now,
+            tasks=tasks or now.tasks,
+            dynwbc=dynwbc or now.dynwbc,
+            balance=now.balance if dcm_gain is None else replace(now.balance, dcm_gain=dcm_gain),
+            gain_scale=now.gain_scale if gain_scale is None else gain_scale,
+        )
+        self._kp, self._kd = _motor_gains(self.robot, self._config.gain_scale)
         self._tasks.set_gains(self._config)
         self.dynwbc.set_weights(self._config.dynwbc)
 
@@ -313,3 +327,11 @@ class WholeBodyController:
     def _command(self, state: RobotState, v_safe: Array, torque: Array) -> MotorCommand:
         q = state.q[7:] + v_safe[6:] * self._config.dt
         return MotorCommand(q, v_safe[6:].copy(), torque, self._kp, self._kd, state.stamp)
+
+
+def _motor_gains(robot: RobotDescription, scale: float) -> tuple[Array, Array]:
+    """Stiffness and damping of the motors' own feedback; read-only, since every command hands them out."""
+    kp, kd = scale * robot.joint_array("kp"), scale * robot.joint_array("kd")
+    for gains in (kp, kd):
+        gains.setflags(write=False)
+    return kp, kd

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from controllers.agent import Agent
+from controllers.balance.dcm_plan import DcmReference
 from controllers.reference import WholeBodyReference, reference_here
 from controllers.whole_body.config import FilterTuning, TaskTuning
 from controllers.whole_body.controller import TickResult, WholeBodyController
@@ -201,6 +202,41 @@ def test_gains_set_later_are_those_of_a_controller_made_with_them(changed: dict[
         answers.append(course.tick())
     np.testing.assert_allclose(answers[0].v_des, answers[1].v_des, rtol=0, atol=1e-12)
     np.testing.assert_allclose(answers[0].command.tau, answers[1].command.tau, rtol=0, atol=1e-6)
+
+
+def test_the_motors_gains_and_the_feedback_of_the_dcm_change_between_ticks() -> None:
+    course = Course(filter="none")
+    controller, robot = course.controller, course.controller.robot
+    before = course.tick().command
+    controller.set_gains(dcm_gain=7.5, gain_scale=0.25)
+    command = course.tick().command
+    np.testing.assert_allclose(command.kp, 0.25 * robot.joint_array("kp"), rtol=1e-15)
+    np.testing.assert_allclose(command.kd, 0.25 * robot.joint_array("kd"), rtol=1e-15)
+    np.testing.assert_allclose(before.kp, robot.joint_array("kp"), rtol=1e-15)
+    assert not command.kp.flags.writeable
+    assert (controller.config.balance.dcm_gain, controller.config.gain_scale) == (7.5, 0.25)
+    for bad, name in (({"dcm_gain": -1.0}, "dcm_gain"), ({"gain_scale": np.nan}, "gain_scale")):
+        with pytest.raises(ConfigError, match=name):
+            controller.set_gains(**bad)
+    assert (controller.config.balance.dcm_gain, controller.config.gain_scale) == (7.5, 0.25)
+
+
+def test_the_feedback_of_the_dcm_acts_by_the_gain_that_was_set() -> None:
+    """The acceleration asked of the CoM is linear in the gain, for the same error of the DCM."""
+    course = Course(filter="none")
+    kin = course.controller.kin
+    omega = float(np.sqrt(9.81 / kin.com[2]))
+    here = kin.com[:2] + kin.com_velocity[:2] / omega
+    course.reference.dcm = DcmReference(here + [0.004, -0.002], np.zeros(2), omega)
+
+    def asked(gain: float) -> Array:
+        course.controller.set_gains(dcm_gain=gain)
+        course.controller.desired_velocity(course.reference)
+        return course.controller.tasks["com"].acceleration[:2].copy()
+
+    low, middle, high = asked(2.0), asked(4.0), asked(8.0)
+    np.testing.assert_allclose(high - middle, 2.0 * (middle - low), rtol=0, atol=1e-9)
+    assert np.linalg.norm(high - middle) > 1e-4
 
 
 def test_gains_change_in_mid_run_and_the_robot_stands_and_stays_safe() -> None:

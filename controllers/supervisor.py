@@ -135,9 +135,9 @@ class Supervisor:
         """The last command with its velocities at zero, held, then faded out."""
         t = self._fading_ticks * self.controller.config.dt
         self._fading_ticks += 1
-        share = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
+        fraction = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
         last = self._last
-        return MotorCommand(last.q, np.zeros_like(last.v), share * last.tau, share * last.kp, last.kd, stamp)
+        return MotorCommand(last.q, np.zeros_like(last.v), fraction * last.tau, fraction * last.kp, last.kd, stamp)
 
     def _describe_age(self, stamp: float) -> str | None:
         """What is wrong with the stamp of a measured state, in words; ``None`` where all is well."""

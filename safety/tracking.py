@@ -172,7 +172,7 @@ class ObstacleTrack:
         self._received = received
 
     def _left(self, t: float) -> float:
-        """Share of the last measurement's news that is not handed out yet at ``t`` [s]."""
+        """Fraction of the last measurement's news that is not handed out yet at ``t`` [s]."""
         blending = self.settings.blending
         return min(max(1.0 - (t - self._received) / blending, 0.0), 1.0) if blending > 0 else 0.0
 

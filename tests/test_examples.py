@@ -1,4 +1,4 @@
-"""Every example runs as it stands, shorter, and what it prints is what it promises; none is long, none patches."""
+"""Every example runs as it stands, shorter, and what it prints is what it guarantees; none is long, none patches."""
 
 import ast
 import re
@@ -35,12 +35,12 @@ PROMISES: dict[str, tuple[dict[str, Any], Callable[[Any], bool]]] = {
 """By script: arguments that make it short, and what must hold of what it returns."""
 
 
-def test_every_script_makes_a_promise() -> None:
+def test_every_script_makes_a_guarantee() -> None:
     assert [script.stem for script in SCRIPTS] == sorted(PROMISES)
 
 
 @pytest.mark.parametrize("name", PROMISES)
-def test_a_script_runs_and_keeps_its_promise(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_script_runs_and_keeps_its_guarantee(name: str, capsys: pytest.CaptureFixture[str]) -> None:
     arguments, holds = PROMISES[name]
     known = set(KINDS)
     try:

@@ -11,9 +11,9 @@ from wbc.limits import NOTHING, Limits
 from wbc.triangular import backward, forward, product
 
 WRONG_SIGN = 1e-12
-"""Share of the largest multiplier by which one may have the wrong sign."""
+"""Fraction of the largest multiplier by which one may have the wrong sign."""
 
-CERTAIN = 1e-7
+CONTRADICTION_TOLERANCE = 1e-7
 """A contradiction is proved where every point within the bounds breaks an average of limits by more than this."""
 
 REACH = 1e9
@@ -200,4 +200,4 @@ def contradicts(active: Active, count: int, limits: Limits) -> bool:
                 total[j] += weight * active.signs[a] * row[j]
     for j in range(n):
         demand -= max(total[j] * max(limits.lower[j], -REACH), total[j] * min(limits.upper[j], REACH))
-    return demand > CERTAIN * weights and weights > 0.0
+    return demand > CONTRADICTION_TOLERANCE * weights and weights > 0.0

@@ -23,7 +23,7 @@ from wbc.limits import Limits, worst_of, worst_of_all
 from wbc.triangular import backward, factorise, forward, product
 
 DEPENDENT = 1e-11
-"""Share of its squared length that has to be left of a limit beside the active ones, for it to join them."""
+"""Fraction of its squared length that has to be left of a limit beside the active ones, for it to join them."""
 
 ROUNDS = 220
 """Budget: changes of the active set in one search."""

@@ -18,8 +18,9 @@ passes the cut.
 Where all singular values are at least :math:`\sigma_d` this is eq. (13) of Lee et al. exactly. Elsewhere
 
 - no direction gets more than its residual over :math:`\sigma_d`: :math:`g(\sigma) \le 1/\sigma_d`;
-- a level moves by the share s of its residual along a damped direction, and the levels below move it along there by at
-  most :math:`\sigma (1 - s) \le \tfrac{2}{3\sqrt 3} \sigma_d` times the norm of their own step in the coordinates of Z.
+- a level moves by the fraction s of its residual along a damped direction, and the levels below move it along there by
+  at most :math:`\sigma (1 - s) \le \tfrac{2}{3\sqrt 3} \sigma_d` times the norm of their own step in the coordinates of
+  Z.
 
 The posture, where it is the last level, asks for joint velocities, one each. It is met in the least squares sense,
 
@@ -46,7 +47,7 @@ ORTHOGONAL = 1e-15
 """Cosine of the angle at which two rows count as orthogonal."""
 
 UNUSED = 1e-16
-"""Share of a direction below which it counts as left to the levels below as a whole."""
+"""Fraction of a direction below which it counts as left to the levels below as a whole."""
 
 
 def damped_velocity(
@@ -68,10 +69,10 @@ def damped_velocity(
 
 
 @njit(types.boolean(VECTOR, types.int64), cache=True, error_model="numpy")
-def _any_damped(shares: Array, count: int) -> bool:
+def _any_damped(fractions: Array, count: int) -> bool:
     """Whether one of the ``count`` directions is not used as a whole."""
     for d in range(count):
-        if shares[d] < 1.0:
+        if fractions[d] < 1.0:
             return True
     return False
 
@@ -182,7 +183,7 @@ def _orthogonalise(rows: Array, residual: Array) -> None:
     fastmath=ORDER_FREE,
 )
 def _solve_damped(
-    rows: Array, residual: Array, threshold: float, directions: Array, shares: Array, count: int, step: Array
+    rows: Array, residual: Array, threshold: float, directions: Array, fractions: Array, count: int, step: Array
 ) -> int:
     """A level any of whose singular values may be small: adds to ``step`` (nv,), and the directions that it uses.
 
@@ -197,12 +198,12 @@ def _solve_damped(
         along = residual[i] / max(squared, threshold * threshold)
         for j in range(row.size):
             step[j] += along * row[j]
-        share = min(1.0, squared / (threshold * threshold))
-        if share > UNUSED:
+        fraction = min(1.0, squared / (threshold * threshold))
+        if fraction > UNUSED:
             sigma = math.sqrt(squared)
             for j in range(row.size):
                 directions[count, j] = row[j] / sigma
-            shares[count] = share
+            fractions[count] = fraction
             count += 1
     return count
 
@@ -214,7 +215,7 @@ def _solve_damped(
     fastmath=ORDER_FREE,
 )
 def _add_level(
-    jacobian: Array, command: Array, threshold: float, directions: Array, shares: Array, count: int, velocity: Array
+    jacobian: Array, command: Array, threshold: float, directions: Array, fractions: Array, count: int, velocity: Array
 ) -> int:
     """Add one level's step to ``velocity`` (nv,), and the directions that it uses; returns how many there are then."""
     size, nv = jacobian.shape
@@ -225,20 +226,20 @@ def _add_level(
             row[j] = source[j]
             moved += source[j] * velocity[j]
         residual[i] = command[i] - moved
-        project(directions, shares, count, row)
+        project(directions, fractions, count, row)
     used = count
     if _solve_regular(rows, residual, threshold, directions[count : count + size]):
         for i in range(size):
-            shares[count + i] = 1.0
+            fractions[count + i] = 1.0
             row = directions[count + i]
             for j in range(nv):
                 step[j] += residual[i] * row[j]
         used += size
     else:
-        used = _solve_damped(rows, residual, threshold, directions, shares, count, step)
+        used = _solve_damped(rows, residual, threshold, directions, fractions, count, step)
     # a step has no part along directions that are used as a whole
-    if _any_damped(shares, count):
-        move(directions, shares, count, step)
+    if _any_damped(fractions, count):
+        move(directions, fractions, count, step)
     for j in range(nv):
         velocity[j] += step[j]
     return used
@@ -256,16 +257,16 @@ def solve_levels(jacobian: Array, command: Array, sizes: Indices, thresholds: Ar
         posture: shape (nj,) commanded velocities of the last nj entries; none: there is no posture.
     """
     m, nv = jacobian.shape
-    velocity, directions, shares = np.zeros(nv), np.empty((m, nv)), np.empty(m)
+    velocity, directions, fractions = np.zeros(nv), np.empty((m, nv)), np.empty(m)
     count, start = 0, 0
     for level in range(sizes.size):
         rows = slice(start, start + sizes[level])
-        count = _add_level(jacobian[rows], command[rows], thresholds[level], directions, shares, count, velocity)
+        count = _add_level(jacobian[rows], command[rows], thresholds[level], directions, fractions, count, velocity)
         start += sizes[level]
     if posture.size:
         left = posture - velocity[nv - posture.size :]
-        if _any_damped(shares, count):
-            add_damped_posture(directions, shares, count, left, velocity)
+        if _any_damped(fractions, count):
+            add_damped_posture(directions, fractions, count, left, velocity)
         else:
-            add_posture(directions, shares, count, left, velocity)
+            add_posture(directions, fractions, count, left, velocity)
     return velocity

@@ -14,10 +14,10 @@ TRIALS = 30
 """Step lengths tried along one of them."""
 
 DEFINITE = 1e-14
-"""Share of the largest curvature that is added in every direction where rounding leaves the cost indefinite."""
+"""Fraction of the largest curvature that is added in every direction where rounding leaves the cost indefinite."""
 
 FLAT = 1e-9
-"""Share of its value at a step's start to which the slope of the cost has to fall at its end."""
+"""Fraction of its value at a step's start to which the slope of the cost has to fall at its end."""
 
 STILL = 1e-10
 """A step shorter than this, over 1 + the size of the point, is the last."""
@@ -32,7 +32,7 @@ class Violated(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def _shortfall(rows: Array, demand: Array, x: Array, out: Array) -> None:
+def _violation(rows: Array, demand: Array, x: Array, out: Array) -> None:
     """Writes demand - rows x."""
     for i in range(demand.size):
         value = 0.0
@@ -77,24 +77,24 @@ def _count_in(rows: Array, demand: Array, changed: Indices, signed: Array, matri
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _slope(short: Array, rate: Array, weights: Array, t: float) -> tuple[float, float]:
-    """First and second derivative of half the weighted sum of squared violations after a share t of a step."""
+    """First and second derivative of half the weighted sum of squared violations after a fraction t of a step."""
     first, second = 0.0, 0.0
     for i in range(short.size):
         left = short[i] - t * rate[i]
-        share = weights[i] * rate[i] if left > 0.0 else 0.0
-        first -= share * left
-        second += share * rate[i]
+        fraction = weights[i] * rate[i] if left > 0.0 else 0.0
+        first -= fraction * left
+        second += fraction * rate[i]
     return first, second
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _length(first: float, second: float, short: Array, rate: Array, weights: Array) -> float:
-    """The share, 1 at most, of a step at which the cost is least.
+    """The fraction, 1 at most, of a step at which the cost is least.
 
     ``first`` and ``second`` are the derivatives of the rest of the cost at the start. The slope of the whole never
     falls along the step and is piecewise straight: its zero is enclosed, and found by Newton's method from either side.
-    The share returned is one where the cost still falls, or is flat: it is not above that at the start. It is negative
-    where the cost does not fall along the step at all: rounding is all that is left of it.
+    The fraction returned is one where the cost still falls, or is flat: it is not above that at the start. It is
+    negative where the cost does not fall along the step at all: rounding is all that is left of it.
     """
     slope, _ = _slope(short, rate, weights, 0.0)
     slope += first
@@ -121,14 +121,14 @@ def _length(first: float, second: float, short: Array, rate: Array, weights: Arr
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _write_piece(
-    cost: tuple[Array, Array], violated: Violated, x: Array, share: float, hessian: Array, gradient: Array
+    cost: tuple[Array, Array], violated: Violated, x: Array, fraction: float, hessian: Array, gradient: Array
 ) -> None:
-    """Hessian and gradient of the piece that x is in, with ``share`` of the largest curvature about x on top."""
+    """Hessian and gradient of the piece that x is in, with ``fraction`` of the largest curvature about x on top."""
     n, least = x.size, 0.0
     for j in range(n):
         for k in range(n):
             hessian[j, k] = cost[0][j, k] + violated.matrix[j, k]
-        least = max(least, share * hessian[j, j])
+        least = max(least, fraction * hessian[j, j])
     for j in range(n):
         hessian[j, j] += least
         gradient[j] = cost[1][j] + violated.vector[j] - least * x[j]
@@ -150,7 +150,7 @@ def _derivatives(hessian: Array, gradient: Array, x: Array, move: Array) -> tupl
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
 def _walk(x: Array, end: Array, length: float, move: Array, short: Array, rate: Array) -> bool:
-    """Go a share ``length`` of the way to ``end``; whether that was far enough away to go on."""
+    """Go a fraction ``length`` of the way to ``end``; whether that was far enough away to go on."""
     size, largest = 0.0, 0.0
     for j in range(x.size):
         size, largest = max(size, abs(move[j])), max(largest, abs(x[j]))
@@ -214,7 +214,7 @@ def descend(
     changed, signed = np.empty(k, np.int64), np.empty(k)
     piece, slope, end, move, rate = np.empty((n, n)), np.empty(n), np.empty(n), np.empty(n), np.empty(k)
     hard, nowhere = np.zeros(limits[1].size), np.empty(0)
-    _shortfall(rows, demand, x, short)
+    _violation(rows, demand, x, short)
     outcome, length, steps, changes, exact = SPENT, 0.0, 0, 0, True
     while steps < budget[0]:
         count = _find_changed(short, weights, violated.seen, changed, signed)
@@ -234,12 +234,12 @@ def descend(
             break
         for j in range(n):
             move[j] = end[j] - x[j]
-        _shortfall(rows, np.zeros(k), move, rate)
+        _violation(rows, np.zeros(k), move, rate)
         for i in range(k):
             rate[i] = -rate[i]
         length = _length(*_derivatives(hessian, gradient, x, move), short, rate, weights)
         if length < 0.0 or not _walk(x, end, length, move, short, rate):
             outcome = OPTIMAL
             break
-    _shortfall(rows, demand, x, short)
+    _violation(rows, demand, x, short)
     return outcome, steps, changes

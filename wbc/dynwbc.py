@@ -191,8 +191,8 @@ class DynWbc:
             joint_bounds: lower and upper bound of the joints' accelerations, (nj,) each [rad/s^2]; given up where
                 contacts and torques cannot keep them.
             load_scale: factor on the model's masses and inertias, for a robot found to be heavier or lighter.
-            load_limits: shape (n,) bound on each foot's normal force, as share of the robot's weight, 0 or above; 1 and
-                above is no bound. What loads and unloads a foot smoothly.
+            load_limits: shape (n,) bound on each foot's normal force, as fraction of the robot's weight, 0 or above; 1
+                and above is no bound. What loads and unloads a foot smoothly.
 
         Returns:
             The problem and the maps back to base acceleration and torques.

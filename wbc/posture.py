@@ -12,31 +12,31 @@ RIDGE = 1e-9
 
 
 @njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def project(directions: Array, shares: Array, count: int, row: Array) -> None:
-    """Row times Z, in place: takes off the share of each of the ``count`` directions, the first first."""
+def project(directions: Array, fractions: Array, count: int, row: Array) -> None:
+    """Row times Z, in place: takes off the fraction of each of the ``count`` directions, the first first."""
     for d in range(count):
         direction, along = directions[d], 0.0
         for j in range(row.size):
             along += direction[j] * row[j]
-        along *= shares[d]
+        along *= fractions[d]
         for j in range(row.size):
             row[j] -= along * direction[j]
 
 
 @njit(types.void(OUT_ROWS, OUT, types.int64, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def move(directions: Array, shares: Array, count: int, step: Array) -> None:
-    """Z times a step, in place: takes off the share of each of the ``count`` directions, the last first."""
+def move(directions: Array, fractions: Array, count: int, step: Array) -> None:
+    """Z times a step, in place: takes off the fraction of each of the ``count`` directions, the last first."""
     for d in range(count - 1, -1, -1):
         direction, along = directions[d], 0.0
         for j in range(step.size):
             along += direction[j] * step[j]
-        along *= shares[d]
+        along *= fractions[d]
         for j in range(step.size):
             step[j] -= along * direction[j]
 
 
 @njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy")
-def add_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
+def add_posture(directions: Array, fractions: Array, count: int, residual: Array, velocity: Array) -> None:
     """The posture's step where no direction is damped.
 
     Its normal equations (S N)^T S N + rho with N = I - Q^T Q are solved through the base's few columns B of Q:
@@ -46,7 +46,7 @@ def add_posture(directions: Array, shares: Array, count: int, residual: Array, v
     base = nv - residual.size
     step, push = np.zeros(nv), np.zeros(nv)
     step[base:] = residual
-    project(directions, shares, count, step)
+    project(directions, fractions, count, step)
     used, factor = np.zeros((base, base)), np.empty((base, base))
     for d in range(count):
         for i in range(base):
@@ -58,7 +58,7 @@ def add_posture(directions: Array, shares: Array, count: int, residual: Array, v
     if factorise(used, factor):
         forward(factor, push[:base])
         backward(factor, push[:base])
-        project(directions, shares, count, push)
+        project(directions, fractions, count, push)
         for j in range(nv):
             step[j] += push[j]
     for j in range(nv):
@@ -66,17 +66,17 @@ def add_posture(directions: Array, shares: Array, count: int, residual: Array, v
 
 
 @njit(types.void(OUT_ROWS, OUT, types.int64, OUT, OUT), cache=True, error_model="numpy", fastmath=ORDER_FREE)
-def add_damped_posture(directions: Array, shares: Array, count: int, residual: Array, velocity: Array) -> None:
+def add_damped_posture(directions: Array, fractions: Array, count: int, residual: Array, velocity: Array) -> None:
     """The posture's step where some directions are damped: the normal equations of this module's last formula."""
     nv, nj = velocity.size, residual.size
     rows, wanted = np.zeros((nj + count, nv)), np.zeros(nj + count)
     wanted[:nj] = residual
     for i in range(nj):
         rows[i, nv - nj + i] = 1.0
-        project(directions, shares, count, rows[i])
+        project(directions, fractions, count, rows[i])
     for d in range(count):
         for j in range(nv):
-            rows[nj + d, j] = shares[d] * directions[d, j]
+            rows[nj + d, j] = fractions[d] * directions[d, j]
     normal, step, factor = np.dot(rows.T, rows), np.dot(rows.T, wanted), np.empty((nv, nv))
     for i in range(nv):
         normal[i, i] += RIDGE
@@ -84,6 +84,6 @@ def add_damped_posture(directions: Array, shares: Array, count: int, residual: A
         forward(factor, step)
         backward(factor, step)
         # and with it goes what rounding left along directions that are used as a whole
-        move(directions, shares, count, step)
+        move(directions, fractions, count, step)
         for j in range(nv):
             velocity[j] += step[j]

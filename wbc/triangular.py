@@ -30,9 +30,9 @@ def factorise(matrix: Array, factor: Array) -> bool:
         for j in range(k, n):
             row[j] *= scale
         for i in range(k + 1, n):
-            share, out, source = row[i], factor[i, i:], row[i:]
+            fraction, out, source = row[i], factor[i, i:], row[i:]
             for j in range(out.size):
-                out[j] -= share * source[j]
+                out[j] -= fraction * source[j]
     for i in range(n):
         for j in range(i):
             factor[i, j] = factor[j, i]
@@ -44,9 +44,9 @@ def forward(factor: Array, x: Array) -> None:
     """U^-T x, in place."""
     for i in range(x.size):
         x[i] /= factor[i, i]
-        share, row, rest = x[i], factor[i, i + 1 :], x[i + 1 :]
+        fraction, row, rest = x[i], factor[i, i + 1 :], x[i + 1 :]
         for j in range(rest.size):
-            rest[j] -= share * row[j]
+            rest[j] -= fraction * row[j]
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -54,9 +54,9 @@ def backward(factor: Array, x: Array) -> None:
     """U^-1 x, in place."""
     for i in range(x.size - 1, -1, -1):
         x[i] /= factor[i, i]
-        share, column, rest = x[i], factor[i, :i], x[:i]
+        fraction, column, rest = x[i], factor[i, :i], x[:i]
         for j in range(rest.size):
-            rest[j] -= share * column[j]
+            rest[j] -= fraction * column[j]
 
 
 @njit(cache=True, error_model="numpy", fastmath=ORDER_FREE)
@@ -88,7 +88,7 @@ def squared_lengths(hessian: Array, rows: Array, which: Indices, out: Array) -> 
             done[c] *= scale
             out[c] += done[c] * done[c]
         for j in range(i + 1, n):
-            share, rest = factor[i, j], turned[j]
+            fraction, rest = factor[i, j], turned[j]
             for c in range(k):
-                rest[c] -= share * done[c]
+                rest[c] -= fraction * done[c]
     return True

@@ -20,11 +20,11 @@ def _clamp(value: float, bound: float) -> float:
 def distribute_wrench(
     mass: float, com: Array, com_acceleration: Array, soles: Array, load: Array, half_sizes: Array
 ) -> Array:
-    r"""Share out the force and moment that accelerate the CoM without changing angular momentum.
+    r"""Fraction out the force and moment that accelerate the CoM without changing angular momentum.
 
-    The total force :math:`m (\ddot c + g)` acts along a line through the CoM. Each foot carries the share ``load`` of
-    it; the moment that is left about the loaded centre of the soles is shared the same way, and cut off where it would
-    move a foot's centre of pressure out of its sole.
+    The total force :math:`m (\ddot c + g)` acts along a line through the CoM. Each foot carries the fraction ``load``
+    of it; the moment that is left about the loaded centre of the soles is shared the same way, and cut off where it
+    would move a foot's centre of pressure out of its sole.
 
     Source: after Kajita et al., "Biped walking stabilization based on linear inverted pendulum tracking" (IROS 2010),
     section on the ZMP distributor; the F_c^des of eq. (16) of Lee et al.
@@ -34,7 +34,7 @@ def distribute_wrench(
         com: shape (3,) centre of mass, world [m].
         com_acceleration: shape (3,) commanded, world [m/s^2].
         soles: shape (n, 12) placement of each sole's frame in the world, rotation column by column, then position.
-        load: shape (n,) share of each foot, 0 or above, summing to 1.
+        load: shape (n,) fraction of each foot, 0 or above, summing to 1.
         half_sizes: shape (n, 2) half length and half width of each sole [m]; bound the centre of pressure.
 
     Returns:
@@ -61,13 +61,13 @@ def distribute_wrench(
 
 @njit(types.float64[::1](VECTOR, MATRIX, FLAGS, VECTOR), cache=True, error_model="numpy")
 def load_from_zmp(zmp: Array, centres: Array, in_contact: Mask, load_limits: Array) -> Array:
-    """Share of the vertical force on each of two feet: the ZMP's place on the line between their centres.
+    """Fraction of the vertical force on each of two feet: the ZMP's place on the line between their centres.
 
     Args:
         zmp: shape (2,) [m].
         centres: shape (2, 2) horizontal centres of left and right sole [m].
         in_contact: shape (2,) whether each foot is on the ground.
-        load_limits: shape (2,) largest share on each, 1 together at least, 1 and above for no limit; used where both
+        load_limits: shape (2,) largest fraction on each, 1 together at least, 1 and above for no limit; used where both
             are on the ground.
 
     Returns:

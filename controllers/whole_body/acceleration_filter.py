@@ -100,7 +100,7 @@ class AccelerationFilter:
         if found.status == FilterStatus.FAILED:
             return _failure(v.size, "conditions on the acceleration are not numbers")
         status = found.status if found.active else FilterStatus.UNCHANGED
-        return FilterResult(bounded, status, found.slack, found.worst_row, found.active, found.relaxed, found.shortfall)
+        return FilterResult(bounded, status, found.slack, found.worst_row, found.active, found.relaxed, found.violation)
 
     def _bounded(self, v: Array) -> Array:
         """A velocity (nv,) within its bounds."""

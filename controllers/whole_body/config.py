@@ -100,7 +100,7 @@ class FilterTuning:
             leg in its way as well as hands that pull. Without ``foot_weight`` it does not count.
         balance_weight: weight on changes of the tasks between feet and hands (CoM, base, torso), 0 or above.
         hand_weight: weight on changes of the hands' tasks, 0 or above.
-        velocity_scale: share of the joints' velocity limits that may be used, in (0, 1].
+        velocity_scale: fraction of the joints' velocity limits that may be used, in (0, 1].
         base_linear: bound on the base's linear velocity [m/s].
         base_angular: bound on the base's angular velocity [rad/s].
         recovery_weight: how much leaving a broken barrier weighs against changes of velocity; 0 asks for it without
@@ -164,18 +164,18 @@ class ContactTuning:
 
     Attributes:
         friction: Coulomb coefficient of the contact wrench cone, above 0.
-        length_share: share of the sole's length in the cone, in (0, 1].
-        width_share: share of the sole's width in the cone, in (0, 1].
+        length_fraction: fraction of the sole's length in the cone, in (0, 1].
+        width_fraction: fraction of the sole's width in the cone, in (0, 1].
     """
 
     friction: float = 0.6
-    length_share: float = 0.88
-    width_share: float = 0.8
+    length_fraction: float = 0.88
+    width_fraction: float = 0.8
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
             require_positive(f"contact {name}", getattr(self, name))
-        for name in ("length_share", "width_share"):
+        for name in ("length_fraction", "width_fraction"):
             require_between(f"contact {name}", getattr(self, name), 0.0, 1.0)
 
 

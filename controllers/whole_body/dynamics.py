@@ -100,4 +100,4 @@ class DynamicLevel:
 def _contact(config: ControllerConfig, sole: Sole) -> SoleContact:
     """What the controller assumes of a sole."""
     c = config.contact
-    return SoleContact(sole.frame, c.length_share * sole.half_length, c.width_share * sole.half_width, c.friction)
+    return SoleContact(sole.frame, c.length_fraction * sole.half_length, c.width_fraction * sole.half_width, c.friction)

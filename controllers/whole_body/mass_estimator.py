@@ -7,7 +7,7 @@ from robots.messages import Array
 from wbc.wrench import GRAVITY
 
 LIGHTEST, HEAVIEST = 0.6, 1.6
-"""Bounds of the estimate, as shares of the model's mass: a foot in the air or a stamp is no weight."""
+"""Bounds of the estimate, as fractions of the model's mass: a foot in the air or a stamp is no weight."""
 
 
 class MassEstimator:

@@ -40,7 +40,7 @@ class VelocityFilter:
         self._adapter: EpsilonAdapter | None = None
         if config.adaptive:
             self._adapter = EpsilonAdapter(safety.parameters(), config.adaptation, config.dt)
-        self._swing_share = _swing_share(safety)
+        self._swing_fraction = _swing_fraction(safety)
 
     @property
     def filter(self) -> SafetyFilter:
@@ -71,7 +71,7 @@ class VelocityFilter:
         self._filter.set_recovery(safety.recovery())
         if self._adapter is not None:
             self._adapter.set_parameters(safety.parameters())
-        self._swing_share = _swing_share(safety)
+        self._swing_fraction = _swing_fraction(safety)
 
     def filter_velocity(
         self, rows: BarrierRows, v_des: Array, tasks: MetricJacobians, in_contact: Mask, v: Array
@@ -107,10 +107,10 @@ class VelocityFilter:
         kept = feet.copy()
         for foot, standing in enumerate(in_contact):
             if not standing:
-                kept[6 * foot : 6 * foot + 3] *= self._swing_share
+                kept[6 * foot : 6 * foot + 3] *= self._swing_fraction
         return kept
 
 
-def _swing_share(safety: FilterTuning) -> float:
+def _swing_fraction(safety: FilterTuning) -> float:
     """Factor on the rows of a foot in the air: its weight goes with the square of its rows."""
     return math.sqrt(safety.swing_weight / safety.foot_weight) if safety.foot_weight > 0 else 0.0

@@ -170,10 +170,10 @@ class WholeBodyTasks:
         zmp = clip_to_support(zmp, centres, yaws, self._half_sizes, reference.in_contact, reference.load_limits)
         (x, y, _), (vx, vy, _), squared = kin.com.tolist(), kin.com_velocity.tolist(), dcm.omega**2
         # eq. (15) turns this velocity into exactly the acceleration of the pendulum
-        share = gains.kd / (gains.kd + gains.kp * self._config.dt)
+        fraction = gains.kd / (gains.kd + gains.kp * self._config.dt)
         position, velocity, acceleration = self._pendulum
         position[0], position[1], position[2] = x, y, point.position[2]
-        velocity[0], velocity[1], velocity[2] = share * vx, share * vy, point.velocity[2]
+        velocity[0], velocity[1], velocity[2] = fraction * vx, fraction * vy, point.velocity[2]
         acceleration[0], acceleration[1] = squared * (x - zmp[0]), squared * (y - zmp[1])
         acceleration[2] = point.acceleration[2]
         self._com.set_target(position, velocity, acceleration)

@@ -34,13 +34,13 @@ WARM_UP = 20
 LEGEND = """solve: the filter itself; total: with the robot's kinematics, the obstacles handed over and the rows;
 each the median, and the 99th percentile. changed: ticks on which the filter did not return the nominal input.
 violated: ticks on which it violates a condition of its own though all could be met (r-SSA trades, PFM and SMA push;
-the others promise not to). no input: ticks on which no input meets its conditions. failed: ticks without an answer,
-with one beyond the bounds, or on which a promise is broken.
+the others guarantee not to). no input: ticks on which no input meets its conditions. failed: ticks without an answer,
+with one beyond the bounds, or on which a guarantee is broken.
 feasible: obstacles keep away and only states are taken where hard CBF and SSA can be met, most of them with SSA at
 work. infeasible: two of five obstacles press from all sides, or where there are none the margin of self-collision is
 0.1 m, more than shoulder and elbow are apart; only states are taken where hard SSA cannot be met."""
 
-PROMISING = ("qp", "two_phase")
+GUARANTEEING = ("qp", "two_phase")
 """Resolutions that meet all conditions wherever that is possible; the others trade or push."""
 
 
@@ -52,9 +52,9 @@ class Figures:
         median_us: of each of ``STAGES`` and of their ``total`` [us].
         p99_us: likewise, 99th percentile [us].
         failures: ticks without an answer (status ``FAILED``), with one beyond the bounds, or, for the filters that
-            promise all conditions, with a violation where all could be met.
-        violations: ticks on which some condition is violated although all could be met, whatever the filter promises.
-        infeasible_share: of the ticks, where no input meets this filter's conditions.
+            guarantee all conditions, with a violation where all could be met.
+        violations: ticks on which some condition is violated although all could be met, whatever the filter guarantees.
+        infeasible_fraction: of the ticks, where no input meets this filter's conditions.
         statuses: number of ticks by status.
     """
 
@@ -62,7 +62,7 @@ class Figures:
     p99_us: dict[str, float]
     failures: int
     violations: int
-    infeasible_share: float
+    infeasible_fraction: float
     statuses: dict[str, int]
 
 
@@ -170,10 +170,10 @@ class Verdict:
         self.statuses = dict.fromkeys((status.name.lower() for status in FilterStatus), 0)
         self.ticks = self.failures = self.violations = self.infeasible = 0
         self._bound = bound
-        self._promises = KINDS[name].resolution.name in PROMISING
+        self._guarantees = KINDS[name].resolution.name in GUARANTEEING
 
     def add(self, result: FilterResult, spaces: HalfSpaces | None, can_hold: bool) -> None:
-        """Count one answer, given its conditions (``None``: no filter, nothing is promised)."""
+        """Count one answer, given its conditions (``None``: no filter, nothing is guaranteed)."""
         self.ticks += 1
         self.statuses[result.status.name.lower()] += 1
         self.infeasible += not can_hold
@@ -183,7 +183,7 @@ class Verdict:
         outside = (np.abs(result.v) > self._bound).any()
         violated = bool(can_hold and short)
         self.violations += violated
-        self.failures += bool(result.status == FilterStatus.FAILED or outside or (violated and self._promises))
+        self.failures += bool(result.status == FilterStatus.FAILED or outside or (violated and self._guarantees))
 
 
 def judge(problem: Problem, moments: Sequence[Moment], results: dict[str, list[FilterResult]]) -> dict[str, Verdict]:
@@ -233,8 +233,8 @@ def _cells(figures: Figures) -> tuple[str, ...]:
     times = (side[stage] for stage in ("solve", "total") for side in (figures.median_us, figures.p99_us))
     ticks = sum(figures.statuses.values())
     changed = 1 - figures.statuses["unchanged"] / ticks
-    shares = (changed, figures.violations / ticks, figures.infeasible_share)
-    return (*(f"{t:.0f}" for t in times), *(f"{100 * share:.0f} %" for share in shares), str(figures.failures))
+    fractions = (changed, figures.violations / ticks, figures.infeasible_fraction)
+    return (*(f"{t:.0f}" for t in times), *(f"{100 * fraction:.0f} %" for fraction in fractions), str(figures.failures))
 
 
 def _title(cells: Sequence[Cell]) -> str:

@@ -35,7 +35,7 @@ GOAL_LOW, GOAL_HIGH = np.array([0.2, -0.05, 0.0]), np.array([0.4, 0.3, 0.3])
 """Box of the left hand's goals from the base body's origin at the start [m]; the right hand's is its mirror image."""
 
 CLOSE_SHARE = 0.4
-"""This share of the obstacles waits around the hands' goals, or where crowding presses against the robot."""
+"""This fraction of the obstacles waits around the hands' goals, or where crowding presses against the robot."""
 
 GOAL_SPREAD = 0.15
 """Distance from a goal, on each axis, at which obstacles wait [m]."""

@@ -78,7 +78,7 @@ def leave_collision(robot: RobotDescription, config: ControllerConfig, duration:
 
     Returns:
         By name, a row per tick: ``time`` [s]; ``h``, the smallest of all barriers [m, rad]; ``v`` (n, nv), the command;
-        ``failed``, whether filter or DynWBC had no answer. A row per physics step: ``torque`` (m, nj), shares of the
+        ``failed``, whether filter or DynWBC had no answer. A row per physics step: ``torque`` (m, nj), fractions of the
         limits.
     """
     plant = MujocoPlant(robot, PlantConfig(), np.random.default_rng(0))

@@ -19,7 +19,7 @@ FILTERS = ("none", "issf")
 
 
 def demo(options: DemoOptions) -> int:
-    """Run both, print a table, write the report; returns the exit code: 0 if the filter kept its promise."""
+    """Run both, print a table, write the report; returns the exit code: 0 if the filter kept its guarantee."""
     console = make_console()
     given = [prepare(_scenario(options, name)) for name in FILTERS]
     robot = given[0].robot

@@ -58,7 +58,7 @@ EDGE = 1e-4
 
 
 LOADED = 0.1
-"""A foot counts as loaded from this share of the weight on: a fifth of what it carries in standing."""
+"""A foot counts as loaded from this fraction of the weight on: a fifth of what it carries in standing."""
 
 
 def zmp_inside(series: dict[str, Array]) -> Mask:
@@ -81,7 +81,7 @@ def zmp_inside(series: dict[str, Array]) -> Mask:
 
 
 def zmp_inside_single(series: dict[str, Array], inside: Mask) -> float | None:
-    """Share of ``inside`` (P,) among the plant steps at which the plan is on one foot; ``None`` without any."""
+    """Fraction of ``inside`` (P,) among the plant steps at which the plan is on one foot; ``None`` without any."""
     single = (_planned_contact(series).sum(axis=1) == 1)[_ticks_of_steps(series)]
     return _share(inside & single, single)
 
@@ -110,14 +110,14 @@ def foot_slide(series: dict[str, Array]) -> Array:
 
 
 def torque_step_max(series: dict[str, Array]) -> float | None:
-    """Largest change of one joint's torque from one tick to the next, as a share of its limit.
+    """Largest change of one joint's torque from one tick to the next, as a fraction of its limit.
 
     The motors are off before the first tick: getting going does not count. ``None`` for fewer than three ticks.
     """
-    torque, share = series["torque"], series["torque_fraction"]
-    # the torques of a tick are those of the step before it, whose shares have no sign
-    before = np.arange(1, len(torque)) * (len(share) // len(torque)) - 1
-    change = np.abs(np.diff(np.copysign(share[before], torque[1:]), axis=0))
+    torque, fraction = series["torque"], series["torque_fraction"]
+    # the torques of a tick are those of the step before it, whose fractions have no sign
+    before = np.arange(1, len(torque)) * (len(fraction) // len(torque)) - 1
+    change = np.abs(np.diff(np.copysign(fraction[before], torque[1:]), axis=0))
     return _largest(change)
 
 
@@ -180,7 +180,7 @@ def _filter_figures(series: dict[str, Array]) -> dict[str, Any]:
 
 
 def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_pairs: int) -> dict[str, Any]:
-    """How far the robot was from the filter's velocity, and what the filter's condition promised in spite of it.
+    """How far the robot was from the filter's velocity, and what the filter's condition guaranteed in spite of it.
 
     Args:
         series: recorded.
@@ -195,14 +195,14 @@ def guarantee_figures(series: dict[str, Array], control: ControllerConfig, leg_p
     disturbance = series["disturbance"][np.isfinite(series["disturbance"])]
     largest = _largest(disturbance)
     rows = int(series["h_self_collision"].shape[1]) > leg_pairs
-    promise = safety_bounds(control.filter, control.safety.parameters()).get("self_collision") if rows else None
+    guarantee = safety_bounds(control.filter, control.safety.parameters()).get("self_collision") if rows else None
     column, bound = GUARANTEED.index("self_collision"), None
     running = series["h_bound"][:, column]
     # not beyond a change of the filter
-    promised = np.isfinite(running) & np.isfinite(series["disturbance"])
-    if promise is not None and promised.any():
-        gradient = float(series["gradient"][promised, column].max())
-        bound = promise.bound(float(series["disturbance"][promised].max()), gradient)
+    guaranteed = np.isfinite(running) & np.isfinite(series["disturbance"])
+    if guarantee is not None and guaranteed.any():
+        gradient = float(series["gradient"][guaranteed, column].max())
+        bound = guarantee.bound(float(series["disturbance"][guaranteed].max()), gradient)
     gap = family_minima(series, leg_pairs) - series["h_bound"]
     margins = {family: _smallest(g[np.isfinite(g)]) for family, g in zip(GUARANTEED, gap.T, strict=True)}
     own = [m for family, m in margins.items() if family != "obstacle" and m is not None]

@@ -53,7 +53,7 @@ def _value_shown(metric: Metric, summary: Mapping[str, Any]) -> Any:
 
 
 def _premises_held(summary: Mapping[str, Any], key: str) -> bool:
-    """Whether a bound says something: conditions were met, and what they promise is above ``DEEP``."""
+    """Whether a bound says something: conditions were met, and what they guarantee is above ``DEEP``."""
     if key.startswith("disturbance"):
         return True
     if summary.get("relaxed_fraction") or summary.get("qp_failures"):

@@ -151,8 +151,8 @@ METRICS = (
         1e2,
         group="balance",
         stored="-",
-        meaning="share of the steps with the ZMP inside the convex hull of the soles that the plan has on the ground "
-        "(a tenth of a millimetre is allowed); steps without contact count as outside",
+        meaning="fraction of the steps with the ZMP inside the convex hull of the soles that the plan has on the "
+        "ground (a tenth of a millimetre is allowed); steps without contact count as outside",
     ),
     Metric(
         "zmp_inside_single_fraction",
@@ -161,7 +161,7 @@ METRICS = (
         1e2,
         group="balance",
         stored="-",
-        meaning="the same share, of the steps at which the plan has one foot on the ground; `null` where there are "
+        meaning="the same fraction, of the steps at which the plan has one foot on the ground; `null` where there are "
         "none",
     ),
     Metric(
@@ -233,8 +233,8 @@ METRICS = (
         bad="positive",
         group="safety",
         stored="-",
-        meaning="share of the steps with a self-collision barrier below zero, over the same share of the reference "
-        "motion; above 1 if there are more; `null` where the reference motion has none, or without a hand "
+        meaning="fraction of the steps with a self-collision barrier below zero, over the same fraction of the "
+        "reference motion; above 1 if there are more; `null` where the reference motion has none, or without a hand "
         "task",
     ),
     Metric(
@@ -244,8 +244,8 @@ METRICS = (
         1e2,
         group="safety",
         stored="-",
-        meaning="share of the ticks on which the filter ran that it did not leave the velocity unchanged (codes 1 to "
-        "4 of `filter_status`); `null` if it never ran",
+        meaning="fraction of the ticks on which the filter ran that it did not leave the velocity unchanged (codes 1 "
+        "to 4 of `filter_status`); `null` if it never ran",
     ),
     Metric(
         "relaxed_fraction",
@@ -255,7 +255,7 @@ METRICS = (
         bad="positive",
         group="safety",
         stored="-",
-        meaning="share of the same ticks on which the velocity broke a condition, by as little as the filter could "
+        meaning="fraction of the same ticks on which the velocity broke a condition, by as little as the filter could "
         "(code 2); `null` if it never ran",
     ),
     Metric(
@@ -389,21 +389,21 @@ METRICS = (
     ),
     Metric(
         "max_torque_fraction",
-        "torque, largest share of a limit",
+        "torque, largest fraction of a limit",
         "%",
         1e2,
         group="effort",
         stored="-",
-        meaning="largest motor torque as a share of that joint's limit, over all steps and joints",
+        meaning="largest motor torque as a fraction of that joint's limit, over all steps and joints",
     ),
     Metric(
         "torque_step_max",
-        "change of a torque per tick, largest share of a limit",
+        "change of a torque per tick, largest fraction of a limit",
         "%",
         1e2,
         group="effort",
         stored="-",
-        meaning="largest change of a motor torque from one tick to the next, as a share of that joint's limit, over "
+        meaning="largest change of a motor torque from one tick to the next, as a fraction of that joint's limit, over "
         "all joints; the first tick, before which the motors are off, does not count; `null` for a run of "
         "fewer than three ticks",
     ),

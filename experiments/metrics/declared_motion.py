@@ -113,7 +113,7 @@ FEET = (
         bad="positive",
         group="safety",
         stored="-",
-        meaning="share of the time with the feet's distance below zero",
+        meaning="fraction of the time with the feet's distance below zero",
     ),
     Metric(
         "legs_penetrate_fraction",
@@ -144,7 +144,7 @@ ONE_LEG = (
         1e2,
         group="balance",
         stored="-",
-        meaning="share of the vertical force that the right foot bears at the end",
+        meaning="fraction of the vertical force that the right foot bears at the end",
     ),
 )
 """Of standing on one leg."""

@@ -8,7 +8,7 @@ TILT = float(np.cos(np.deg2rad(60.0)))
 """Cosine of the base's tilt from which the robot counts as fallen."""
 
 LOW = 0.6
-"""Share of the height at which the base stands over the soles, below which over the ground it counts as fallen."""
+"""Fraction of the height at which the base stands over the soles, below which over the ground it counts as fallen."""
 
 SUNK = 0.05
 """A sole's corner deeper in the ground than this is no contact: the robot was put there [m]."""

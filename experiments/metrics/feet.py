@@ -33,8 +33,8 @@ def feet_metrics(robot: RobotDescription, series: Mapping[str, Array]) -> dict[s
         series: recorded.
 
     Returns:
-        Smallest true barrier between the feet and among all pairs of legs [m], share of time in which the feet and in
-        which any pair of legs penetrated each other, and number of steps.
+        Smallest true barrier between the feet and among all pairs of legs [m], fraction of time in which the feet and
+        in which any pair of legs penetrated each other, and number of steps.
     """
     pairs = series["h_self_collision"]
     feet = pairs[:, feet_column(robot)]

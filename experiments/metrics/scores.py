@@ -57,5 +57,5 @@ def safety_score(depth: Array) -> float | None:
 
 
 def feasible_rate(violation: Array) -> float:
-    """Share of ticks without violation, R_feas of eq. (17); ``violation``: shape (T,) total of each tick [m/s]."""
+    """Fraction of ticks without violation, R_feas of eq. (17); ``violation``: shape (T,) total of each tick [m/s]."""
     return 1.0 - float(np.mean(violation > 0))

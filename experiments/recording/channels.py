@@ -302,7 +302,7 @@ CHANNELS = (
         "(P, nj)",
         "-",
         "step",
-        meaning="size of each motor torque as a share of its limit",
+        meaning="size of each motor torque as a fraction of its limit",
     ),
     Channel(
         "disturbance",

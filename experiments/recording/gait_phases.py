@@ -41,14 +41,14 @@ def stances(series: Series) -> list[Stance]:
     out = [
         Stance(foot, first, last, corners[(first + last) // 2, foot])
         for foot in range(contact.shape[1])
-        for first, last in spells(contact[:, foot])
+        for first, last in intervals(contact[:, foot])
     ]
     return sorted(out, key=lambda stance: stance.first)
 
 
 def swings(series: Series) -> list[tuple[int, int]]:
     """First and last tick of every time that the plan has some foot in the air, in order."""
-    return spells(np.asarray(~_contact(series).all(axis=1))) if "in_contact" in series else []
+    return intervals(np.asarray(~_contact(series).all(axis=1))) if "in_contact" in series else []
 
 
 def walks(series: Series) -> bool:
@@ -56,7 +56,7 @@ def walks(series: Series) -> bool:
     return "in_contact" in series and bool((~_contact(series)).any(axis=0).all())
 
 
-def spells(flags: Mask) -> list[tuple[int, int]]:
+def intervals(flags: Mask) -> list[tuple[int, int]]:
     """First and last index of every unbroken run of ``True`` in ``flags`` (n,)."""
     edges = np.diff(flags.astype(int), prepend=0, append=0)
     return list(zip(np.flatnonzero(edges > 0).tolist(), (np.flatnonzero(edges < 0) - 1).tolist(), strict=True))

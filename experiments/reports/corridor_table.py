@@ -33,9 +33,9 @@ FIGURES = (
 
 LEGEND = (
     "J: tracking of the goals, [P14]. C: how little conditions were violated where they were, [P15]. S: how little of "
-    "a margin was used where it was entered, [P16]. All three: 1 is best. R_feas: share of ticks without violation, "
+    "a margin was used where it was entered, [P16]. All three: 1 is best. R_feas: fraction of ticks without violation, "
     "[P17]. Infeasible ticks: no velocity met all conditions (for SSA and its kin those of SSA). phi = d_min - d, with "
-    "5 cm for obstacles and 1 cm for own bodies (with --margins own CBF and ISSf-CBF only promise d >= 0, which is "
+    "5 cm for obstacles and 1 cm for own bodies (with --margins own CBF and ISSf-CBF only guarantee d >= 0, which is "
     "phi <= 5 cm). Nearest hand, nearest body: smallest distance to an obstacle. Own bodies: smallest distance between "
     "two. Violation: sum over all conditions, mean over ticks. Excess: root of the sum of its squares, less what p-SSA "
     "would have at the same state, mean. Switches: pairs that enter or leave a margin. Jumps: largest change of a "

@@ -21,9 +21,10 @@ LARGEST_EMBEDDED_VIDEO = 8_000_000
 """Films above this size [bytes] stay beside the report and are linked."""
 
 GUARANTEE_CAPTION = (
-    "Smallest distance of arms, torso and head, and what the filter's condition promises of it for the velocity error "
-    "d below: the robot's velocity less the filtered one. Dashed: for an error of that size in the worst direction. "
-    "Dotted: for the error's own direction, at the closest pair. The solid line has to stay above the dashed one."
+    "Smallest distance of arms, torso and head, and what the filter's condition guarantees of it for the velocity "
+    "error d below: the robot's velocity less the filtered one. Dashed: for an error of that size in the worst "
+    "direction. Dotted: for the error's own direction, at the closest pair. The solid line has to stay "
+    "above the dashed one."
 )
 
 PLAN_CAPTION = (
@@ -74,7 +75,7 @@ PLOTS = (
     ),
     ("Centre of mass", signals.com_plot, "How far the centre of mass was from where it was asked to be."),
     ("Filter", signals.filter_plot, "How much the safety filter changed the velocity it was given, and by what means."),
-    ("Torques", signals.torque_plot, "Motor torque as a share of the motor's limit."),
+    ("Torques", signals.torque_plot, "Motor torque as a fraction of the motor's limit."),
     ("Computing time", signals.tick_plot, "Time of one control tick; the line is the median."),
 )
 

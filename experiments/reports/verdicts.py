@@ -17,7 +17,7 @@ def verdict(result: Recording) -> list[Verdict]:
 
     Returns:
         (whether it is good, sentence) for standing or falling, self-collision, the other barriers, the bounds that
-        the filter promises, and the filter.
+        the filter guarantees, and the filter.
     """
     if not len(result.series["time"]):
         return [(False, "ended before the first tick")]
@@ -27,7 +27,7 @@ def verdict(result: Recording) -> list[Verdict]:
     out += [(True, f"was pushed with {push}") for push in result.summary.get("pushes", ())]
     if result.series["h_self_collision"].size:
         out.append(_clearance(result))
-    out += _other_barriers(result) + _promise(result) + _feet(result)
+    out += _other_barriers(result) + _guarantee(result) + _feet(result)
     counts = np.bincount(result.series["filter_status"].astype(int), minlength=len(FILTER_STATUSES))
     if counts[2]:
         first = result.summary.get("first_relaxed")
@@ -53,8 +53,8 @@ def _clearance(result: Recording) -> Verdict:
     a, b = (name.replace("_", " ") for name in result.robot.self_collision_pairs[int(pair)])
     at = float(result.series["step_time"][step])
     if (worst := float(smallest.min())) < 0:
-        share = f"{100.0 * float(np.mean(smallest < 0)):.2g} % of the time"
-        return False, f"{a} entered {b} by {_mm(-worst)} (at {at:.1f} s; bodies overlapped for {share})"
+        fraction = f"{100.0 * float(np.mean(smallest < 0)):.2g} % of the time"
+        return False, f"{a} entered {b} by {_mm(-worst)} (at {at:.1f} s; bodies overlapped for {fraction})"
     return True, f"bodies stayed clear of each other by {_mm(worst)} (closest: {a} and {b}, at {at:.1f} s)"
 
 
@@ -77,8 +77,8 @@ def _other_barriers(result: Recording) -> list[Verdict]:
     return out
 
 
-def _promise(result: Recording) -> list[Verdict]:
-    """Only where h fell below what the filter's condition promises."""
+def _guarantee(result: Recording) -> list[Verdict]:
+    """Only where h fell below what the filter's condition guarantees."""
     if result.summary.get("bound_held") is not False:
         return []
     out = []
@@ -96,11 +96,11 @@ def _feet(result: Recording) -> list[Verdict]:
     way, steps = result.summary.get("distance_m"), result.summary.get("steps")
     if way is not None and steps:
         return [(True, f"walked {way:.2f} m in {steps} step{'s' if steps != 1 else ''}")]
-    share = result.summary.get("zmp_inside_single_fraction")
-    if share is None or walks(result.series):
+    fraction = result.summary.get("zmp_inside_single_fraction")
+    if fraction is None or walks(result.series):
         return []
-    if share < 1.0:
-        return [(False, f"the ZMP left the standing sole for {100.0 * (1.0 - share):.2g} % of the time on one foot")]
+    if fraction < 1.0:
+        return [(False, f"the ZMP left the standing sole for {100.0 * (1.0 - fraction):.2g} % of the time on one foot")]
     return [(True, "the ZMP stayed within the standing sole all the time on one foot")]
 
 

@@ -198,7 +198,7 @@ class CorridorRecorder(Observer):
                 "h_self_collision": rows.h[of.barriers.slices["self_collision"]].copy(),
                 "violation": float(violations.sum()),
                 "violation_norm": float(np.linalg.norm(violations)),
-                "least_norm": float(np.linalg.norm(least.shortfall)) if of_ssa else np.nan,
+                "least_norm": float(np.linalg.norm(least.violation)) if of_ssa else np.nan,
                 "infeasible": infeasible,
                 "status": int(result.status),
                 "filter_ms": 1e3 * output.filter_seconds,
@@ -215,7 +215,7 @@ class CorridorRecorder(Observer):
         if t >= CLOSING[1]:
             self._conflicts.setdefault("boards closed", (t, result))
         worst = self._conflicts.get("worst")
-        if worst is None or result.shortfall.sum() > worst[1].shortfall.sum():
+        if worst is None or result.violation.sum() > worst[1].violation.sum():
             self._conflicts["worst"] = (t, result)
 
     def explanation(self) -> str:
@@ -228,7 +228,7 @@ class CorridorRecorder(Observer):
     def _violations(self, rows: BarrierRows, result: FilterResult) -> Array:
         """Amounts by which conditions are violated [m/s]: SSA's, where a filter has none of its own for all rows."""
         if self._of.kind.joint:
-            return result.shortfall
+            return result.violation
         spaces = ssa(rows, self._probe.parameters)
         gap = (spaces.b - spaces.A @ result.v)[spaces.active]
         return gap[gap > RELAXED]

@@ -26,11 +26,13 @@ class TrueBarriers:
         self._kin = Kinematics(robot)
         self._set = standard_barriers(self._kin, obstacle_kinds, keep_fixed=True, distances_only=True)
         self._obstacles = next((b for b in self._set.barriers if isinstance(b, ObstacleBarrier)), None)
-        kept = np.concatenate(list(self._set.primary.values()))
+        kept = np.concatenate(list(self._set.representative.values()))
         self._kept = None if kept.size == self._set.size else kept
-        ends = np.cumsum([rows.size for rows in self._set.primary.values()])
-        self.slices = {f: slice(e - r.size, e) for (f, r), e in zip(self._set.primary.items(), ends, strict=True)}
-        present = [f for f in GUARANTEED if f in self.slices and self._set.primary[f].size]
+        ends = np.cumsum([rows.size for rows in self._set.representative.values()])
+        self.slices = {
+            f: slice(e - r.size, e) for (f, r), e in zip(self._set.representative.items(), ends, strict=True)
+        }
+        present = [f for f in GUARANTEED if f in self.slices and self._set.representative[f].size]
         self._present = np.array([GUARANTEED.index(f) for f in present], dtype=np.intp)
         self._starts = np.array([self.slices[f].start for f in present], dtype=np.intp)
         self._longest = np.full(len(GUARANTEED), np.nan)

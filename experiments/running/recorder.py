@@ -64,9 +64,9 @@ class Recorder(Observer):
         self._ticks, self._steps = Columns(ticks), Columns(ticks * round(agent.dt / plant.config.dt))
         config = agent.controller.config
         self._first_filter = _filter_of(config)
-        self._promises = safety_bounds(config.filter, config.safety.parameters())
-        promise = self._promises.get("self_collision")
-        self._row_bound = None if promise is None else RowBound(promise, plant.config.dt)
+        self._guarantees = safety_bounds(config.filter, config.safety.parameters())
+        guarantee = self._guarantees.get("self_collision")
+        self._row_bound = None if guarantee is None else RowBound(guarantee, plant.config.dt)
         self.first_relaxed: str | None = None
         self.filter_changed_at: float | None = None
         self._state = plant.true_state()
@@ -193,21 +193,21 @@ class Recorder(Observer):
         return out
 
     def _bounds(self, series: dict[str, Array]) -> Array:
-        """Running bound of each family of ``GUARANTEED``, shape (P, 5); NaN where nothing is promised."""
+        """Running bound of each family of ``GUARANTEED``, shape (P, 5); NaN where nothing is guaranteed."""
         h = family_minima(series, len(self.plant.robot.leg_pairs))
         bounds = np.full(h.shape, np.nan)
         for i, family in enumerate(GUARANTEED):
-            if family in self._promises and np.isfinite(h[0, i]):
+            if family in self._guarantees and np.isfinite(h[0, i]):
                 # h is known from the end of the first step on
-                promise = self._promises[family]
-                bounds[0, i] = min(h[0, i], promise.margin)
+                guarantee = self._guarantees[family]
+                bounds[0, i] = min(h[0, i], guarantee.margin)
                 disturbance, gradient = series["disturbance"][1:], series["gradient"][1:, i]
-                bounds[1:, i] = promise.running_bound(h[0, i], disturbance, gradient, self.plant.config.dt)
+                bounds[1:, i] = guarantee.running_bound(h[0, i], disturbance, gradient, self.plant.config.dt)
         return bounds
 
 
 def _filter_of(config: ControllerConfig) -> tuple[str, bool, FilterTuning]:
-    """What bounds are promised by: the filter and its parameters."""
+    """What bounds are guaranteed by: the filter and its parameters."""
     return config.filter, config.adaptive, config.safety
 
 

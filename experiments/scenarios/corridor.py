@@ -107,8 +107,8 @@ class Corridor:
 
     def half_gap(self, t: float) -> tuple[float, float]:
         """Distance of each board's face from the middle at ``t`` [s], and its rate [m, m/s]."""
-        share, rate = _pulse(t, CLOSING, OPENING)
-        return 0.5 * (WIDE_GAP - (WIDE_GAP - self.gap) * share), -0.5 * (WIDE_GAP - self.gap) * rate
+        fraction, rate = _pulse(t, CLOSING, OPENING)
+        return 0.5 * (WIDE_GAP - (WIDE_GAP - self.gap) * fraction), -0.5 * (WIDE_GAP - self.gap) * rate
 
     def obstacles(self, t: float) -> list[Obstacle]:
         """Lower board, upper board and sphere at ``t`` [s], with their true velocities."""
@@ -120,9 +120,9 @@ class Corridor:
             Obstacle.box(middle + side * (half_gap + size[2]) * up, np.eye(3), size, side * rate * up)
             for side in (-1.0, 1.0)
         ]
-        share, rate = _pulse(t, COMING, LEAVING)
+        fraction, rate = _pulse(t, COMING, LEAVING)
         path = self.sphere_nearest - SPHERE_AWAY
-        return [*boards, Obstacle.sphere(SPHERE_AWAY + share * path, SPHERE_RADIUS, rate * path)]
+        return [*boards, Obstacle.sphere(SPHERE_AWAY + fraction * path, SPHERE_RADIUS, rate * path)]
 
 
 def ramp(t: float, start: float, end: float) -> tuple[float, float]:

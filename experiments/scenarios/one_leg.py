@@ -104,7 +104,7 @@ def one_leg_metrics(series: Mapping[str, Array]) -> dict[str, Any]:
     """Metrics of a run: how long the foot was up, what it carries at the end.
 
     Returns:
-        ``foot_up_s``: time for which the right sole was higher than ``UP`` [s]; ``right_load_end``: share of the
+        ``foot_up_s``: time for which the right sole was higher than ``UP`` [s]; ``right_load_end``: fraction of the
         vertical force that the right foot carries at the end, 0 where the feet carry nothing.
     """
     height = series["soles"][:, 1, 2] - series["soles"][0, 1, 2]

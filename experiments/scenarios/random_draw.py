@@ -14,7 +14,7 @@ MASS, LINK_MASS = (0.85, 1.25), (0.9, 1.1)
 """Factor on all masses, and on each body's own besides."""
 
 FRICTION, NOISE = (0.5, 1.0), (0.5, 1.0)
-"""Friction of soles and ground; sensor noise as a share of the standard one."""
+"""Friction of soles and ground; sensor noise as a fraction of the standard one."""
 
 DELAY = (2, 4)
 """Time from command to torque, whole milliseconds: physics steps."""
@@ -29,7 +29,7 @@ START = 1.0
 """When the first command comes [s]."""
 
 STOP, STEP = 0.15, 0.15
-"""Shares of the commands that are to stop, and to step on the spot."""
+"""Fractions of the commands that are to stop, and to step on the spot."""
 
 PUSHES, PUSH = (1, 3), (0.03, 0.1)
 """How many pushes, and their impulse per mass of the simulated robot [N s/kg]."""

@@ -67,5 +67,5 @@ def falls(rows: Sequence[Entries]) -> str:
     """Who fell or was stopped, in a sentence."""
     down = [r for r in rows if r["ended"] != "no"]
     named = ", ".join(f"{r['seed']} ({r['ended']})" for r in down)
-    share = f"{len(down)} of {len(rows)} fell or were stopped ({100 * len(down) / len(rows):.3g} %)"
-    return share + (f": seed {named}." if down else ".")
+    fraction = f"{len(down)} of {len(rows)} fell or were stopped ({100 * len(down) / len(rows):.3g} %)"
+    return fraction + (f": seed {named}." if down else ".")

@@ -89,9 +89,9 @@ def draw(robot: RobotDescription, name: str, scenario: str, seed: int) -> Scenar
         return _draw_steps(rng, name, plant, seed)
     hands = DrawnHands(robot=name, plant=plant, seed=seed)
     if scenario == "target":
-        x, y, share = rng.uniform(-0.03, 0.06), rng.uniform(0.0, 0.08), rng.uniform()
+        x, y, fraction = rng.uniform(-0.03, 0.06), rng.uniform(0.0, 0.08), rng.uniform()
         heights = [target[2] for target in torso_targets(robot)]
-        z = min(heights) + share * (max(heights) - min(heights))
+        z = min(heights) + fraction * (max(heights) - min(heights))
         return dataclasses.replace(hands, motion="target", target=(x, y, z), duration=5.0)
     if scenario == "obstacle":
         radius, speed, height = (float(rng.uniform(*x)) for x in (RADIUS, SPEED, HEIGHT))

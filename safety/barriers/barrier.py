@@ -74,7 +74,7 @@ class Barrier(ABC):
     def labels(self) -> tuple[str, ...]:
         """A name for each row."""
 
-    def primary(self) -> Indices:
+    def representative(self) -> Indices:
         """Indices (m,) of the rows to report, one per thing kept apart: all, where none stands for another."""
         return np.arange(self.size, dtype=np.intp)
 

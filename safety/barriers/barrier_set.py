@@ -33,7 +33,7 @@ class BarrierSet:
         barriers: in the order of their rows.
         size: number of rows.
         slices: rows of each family.
-        primary: for each family the indices of the rows to report, one per joint limit, pair or bound (two for a
+        representative: for each family the indices of the rows to report, one per joint limit, pair or bound (two for a
             capsule over a half-space). The rows beside them are never smaller than the one of their pair (see
             :class:`safety.barriers.self_collision.SelfCollisionBarrier`).
         labels: a name for each row.
@@ -56,7 +56,7 @@ class BarrierSet:
         self._family = np.repeat([FAMILIES.index(b.family) for b in barriers], [b.size for b in barriers])
         self._family = self._family.astype(np.intp)
         self.slices: dict[str, slice] = {}
-        self.primary: dict[str, Indices] = {}
+        self.representative: dict[str, Indices] = {}
         self._starts: list[int] = []
         self._parts: list[tuple[Barrier, Array, Array, Array, Array]] = []
         start = 0
@@ -65,8 +65,8 @@ class BarrierSet:
             if first.stop != start:
                 raise ConfigError("barriers", [b.family for b in barriers], "sorted by family")
             self.slices[b.family] = slice(first.start, start + b.size)
-            known = self.primary.get(b.family, np.zeros(0, dtype=np.intp))
-            self.primary[b.family] = np.concatenate([known, start + b.primary()])
+            known = self.representative.get(b.family, np.zeros(0, dtype=np.intp))
+            self.representative[b.family] = np.concatenate([known, start + b.representative()])
             self._starts.append(start)
             rows = slice(start, start + b.size)
             self._parts.append((b, self._h[rows], self._jac[rows], self._dh_dt[rows], self._curvature[rows]))

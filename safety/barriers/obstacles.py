@@ -10,7 +10,7 @@ from robots.kinematics import Kinematics
 from robots.messages import Array, Indices
 from safety.barriers.barrier import CollisionBodies
 from safety.barriers.self_collision import ENDS, ContactBarrier
-from safety.geometry.box_faces import face_edges, share_way_out
+from safety.geometry.box_faces import blend_separation, face_edges
 from safety.geometry.boxes import box_contacts
 from safety.geometry.contact_rows import contact_curvature, contact_dh_dt, obstacle_motion
 from safety.geometry.segments import CLOSEST, END_A, START_A, half_space_contacts, segment_contacts
@@ -96,7 +96,7 @@ class ObstacleBarrier(ContactBarrier):
         edge_rows = self._table[edge, 0].reshape(-1, 4)
         first = {(a, o): i for i, a, o, _ in self._table[: self._n_pairs]}
         pairs = [(a, o) for _, a, o, _ in self._table[edge][::4]]
-        self._edge_primary = np.array([first[p] for p in pairs], dtype=np.intp)
+        self._edge_representative = np.array([first[p] for p in pairs], dtype=np.intp)
         self._edge_boxes = np.array([o for _, o in pairs], dtype=np.intp)
         n = 4 * len(pairs)
         bodies = self._table[edge, 1]
@@ -164,9 +164,9 @@ class ObstacleBarrier(ContactBarrier):
         if not self._edge_boxes.size:
             return
         edges = (self._edge_origin, self._edge_direction)
-        face_edges(self.contacts, self._edge_primary, *boxes, self._edge_boxes, *edges)
+        face_edges(self.contacts, self._edge_representative, *boxes, self._edge_boxes, *edges)
         segment_contacts(*lines, *edges, self._edges, self.contacts)
-        share_way_out(*lines, *boxes, self._beside, self.contacts)
+        blend_separation(*lines, *boxes, self._beside, self.contacts)
 
     def write_dh_dt(self, dh_dt: Array) -> None:
         """See :meth:`safety.barriers.self_collision.ContactBarrier.write_dh_dt`."""
@@ -177,7 +177,7 @@ class ObstacleBarrier(ContactBarrier):
         twists, rates = kin.joint_velocities, kin.joint_accelerations
         contact_curvature(self.contacts, self.joints_a, self._o, twists, rates, self._twist, self._rate, curvature)
 
-    def primary(self) -> Indices:
+    def representative(self) -> Indices:
         """One row per body and obstacle, in the order of the labels; then the other ends over half-spaces."""
         first = np.arange(self._n_pairs, dtype=np.intp)
         return np.concatenate([first, np.setdiff1d(self._planes[:, 0], first)])

@@ -18,7 +18,7 @@ class BarrierRows:
     With the second order evaluated, :math:`\ddot h = J \dot v + c`. A pair of bodies may have several rows: its signed
     distance first, then distances between features of the two that are never less (see
     :class:`safety.barriers.self_collision.SelfCollisionBarrier`);
-    :attr:`safety.barriers.barrier_set.BarrierSet.primary` tells which are which.
+    :attr:`safety.barriers.barrier_set.BarrierSet.representative` tells which are which.
 
     Attributes:
         h: shape (n,) values [m or rad].

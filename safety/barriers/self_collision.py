@@ -123,7 +123,7 @@ class SelfCollisionBarrier(ContactBarrier):
         segment_contacts(*lines, *lines, self._table, self.contacts)
         np.subtract(self.contacts[:, 6], self._reach, out=h)
 
-    def primary(self) -> Indices:
+    def representative(self) -> Indices:
         """The distances of the pairs, in their order."""
         return np.arange(self._n_pairs, dtype=np.intp)
 

@@ -9,9 +9,9 @@ What the robot did beyond what it was told last, :math:`\hat d = v_k - v^{safe}_
 so that the term of eq. (32) of Lee et al. becomes :math:`\|J_i\|^2/\varepsilon_{max} + p_i`: what it always was, and
 the push besides.
 
-Promised: :math:`\varepsilon_{min} \le \varepsilon_i \le \varepsilon_{max}` whatever is measured, so that the bound of
+Guaranteed: :math:`\varepsilon_{min} \le \varepsilon_i \le \varepsilon_{max}` whatever is measured, so that the bound of
 eq. (8) holds with :math:`\varepsilon_{max}`, as it would without adaptation; and where the push is as estimated and
-epsilon is not at its lower end, h sinks no lower than with no disturbance. Not promised: anything about a push that
+epsilon is not at its lower end, h sinks no lower than with no disturbance. Not guaranteed: anything about a push that
 changes within T, or one that the lower end cuts off.
 
 A higher velocity that is asked for is followed late, by the motors' time constant :math:`T_m`, which is seen as a
@@ -45,7 +45,7 @@ class AdaptationTuning:
 
     Attributes:
         time: constant T of the filter, above 0 [s].
-        least: epsilon_min as a share of the family's epsilon, in (0, 1].
+        least: epsilon_min as a fraction of the family's epsilon, in (0, 1].
     """
 
     time: float = 0.05
@@ -72,7 +72,7 @@ class EpsilonAdapter:
         require_positive("dt", dt)
         self._most = parameters.values("epsilon")
         self._least = tuning.least
-        self._share = -float(np.expm1(-dt / tuning.time))
+        self._fraction = -float(np.expm1(-dt / tuning.time))
         self.reset()
 
     def set_parameters(self, parameters: BarrierParameters) -> None:
@@ -103,11 +103,11 @@ class EpsilonAdapter:
             self._push = np.zeros(rows.h.size)
         if self._told is not None:
             seen = rows.jac @ (self._told - velocity)
-            self._push += self._share * (seen - self._push)
+            self._push += self._fraction * (seen - self._push)
             # a row that was not finite for a tick is not lost for good; the filter has refused that tick
             np.nan_to_num(self._push, copy=False, nan=0.0, posinf=0.0, neginf=0.0)
         squared = np.vecdot(rows.jac, rows.jac)
         push = np.maximum(self._push, 0.0)
         # without a gradient epsilon has no effect
-        share = np.divide(push, squared, out=np.zeros_like(push), where=squared > 0)
-        return np.clip(most / (1.0 + most * share), self._least * most, most)
+        fraction = np.divide(push, squared, out=np.zeros_like(push), where=squared > 0)
+        return np.clip(most / (1.0 + most * fraction), self._least * most, most)

@@ -31,12 +31,12 @@ def add_violated(A: Array, v: Array, b: Array, beyond: float, chosen: Mask, out:
 
 
 @njit(types.int64[::1](MATRIX, VECTOR, VECTOR, VECTOR, types.float64, types.float64), cache=True, error_model="numpy")
-def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: float, ease: float) -> Indices:
+def near_zero_rows(A: Array, b: Array, lower: Array, upper: Array, reach: float, gain: float) -> Indices:
     """Conditions A (n, nv), b (n,) that no input between its bounds (nv,) meets, nor eases to speak of; ascending.
 
-    Between the bounds a row's value spans at most ``lever`` times the range of the widest of them, and at most ``ease``
+    Between the bounds a row's value spans at most ``reach`` times the range of the widest of them, and at most ``gain``
     times what it is short of at its best. Where such rows are left out, the root of the sum of squared violations is
-    therefore at most 1 + ``ease`` times the least: each is short of at most that times its best, and the others' least
+    therefore at most 1 + ``gain`` times the least: each is short of at most that times its best, and the others' least
     is not larger without them.
     """
     out, count, widest = np.empty(b.size, np.int64), 0, 0.0
@@ -48,16 +48,16 @@ def next_to_immovable(A: Array, b: Array, lower: Array, upper: Array, lever: flo
             low, high = A[i, k] * lower[k], A[i, k] * upper[k]
             span += abs(high - low)
             best += max(low, high)
-            if span > lever * widest:
+            if span > reach * widest:
                 break
-        if span <= lever * widest and span <= ease * (b[i] - best):
+        if span <= reach * widest and span <= gain * (b[i] - best):
             out[count] = i
             count += 1
     return out[:count]
 
 
 @njit(types.float64(MATRIX, VECTOR, VECTOR, VECTOR, VECTOR), cache=True, error_model="numpy")
-def least_shortfall(A: Array, b: Array, lower: Array, upper: Array, short: Array) -> float:
+def least_violation(A: Array, b: Array, lower: Array, upper: Array, short: Array) -> float:
     """A bound from below on the largest violation by any input between its bounds (nv,); above 0 only for a conflict.
 
     Weighted by the violations that a compromise has, ``short`` (n,) where it is above 0, the conditions A (n, nv),

@@ -3,7 +3,7 @@ r"""Conditions: what a filter demands of the input, as half-spaces, and the para
 :math:`h \ge 0` is safe. Papers with energy functions write :math:`\phi = d_{min} - h`, where the margin
 :math:`d_{min}` is the family's; :math:`\phi \ge 0` is then the same as :math:`h \le d_{min}`.
 
-What is left of a promise in discrete time: with the velocity held for a step dt,
+What is left of a guarantee in discrete time: with the velocity held for a step dt,
 :math:`h_{k+1} \ge h_k + dt\,\dot h_k - \tfrac12 c\,dt^2`, where c bounds the size of :math:`\ddot h` along the step.
 
 - CBF, for :math:`\alpha\,dt \le 1`: :math:`h_{k+1} - d_{min} \ge (1 - \alpha\,dt)(h_k - d_{min}) - \tfrac12 c\,dt^2`.
@@ -16,7 +16,7 @@ What is left of a promise in discrete time: with the velocity held for a step dt
   :math:`h_k \ge d_{min} - c\,dt\,w/(2\eta)`, which is inside the layer; V does not enter, and no margin is needed for
   it. From below the layer each step raises h by :math:`\eta\,dt - \tfrac12 c\,dt^2` or more until it is in it. SSS with
   a layer is the CBF with :math:`\alpha = \lambda` and its margin.
-- SMA and PFM hold one row at a time and promise nothing about the others.
+- SMA and PFM hold one row at a time and guarantee nothing about the others.
 
 V counts what moves by itself: an obstacle's own speed, along the normal, adds to the robot's.
 
@@ -257,8 +257,8 @@ def ssa(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     """
     depth, width = parameters.margin - rows.h, parameters.layer
     layered = width > 0
-    share = np.where(layered, np.minimum(depth / np.where(layered, width, 1.0), 1.0), 1.0)
-    return HalfSpaces(rows.jac, parameters.eta * share - rows.dh_dt, (depth >= 0) | layered)
+    fraction = np.where(layered, np.minimum(depth / np.where(layered, width, 1.0), 1.0), 1.0)
+    return HalfSpaces(rows.jac, parameters.eta * fraction - rows.dh_dt, (depth >= 0) | layered)
 
 
 def sss(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
@@ -294,7 +294,7 @@ def worst_row(rows: BarrierRows, parameters: RowParameters) -> HalfSpaces:
     are distances all of them; with joint limits among them some exchange rate between the units is needed, and none is
     right for all robots, so it is 1 m/rad. A family's margin shifts its rank.
 
-    Source: what eq. (13) of SPARK promises of its sliding mode algorithm.
+    Source: what eq. (13) of SPARK guarantees of its sliding mode algorithm.
 
     Args:
         rows: n barrier rows.

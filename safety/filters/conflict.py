@@ -11,7 +11,7 @@ PULL = 1e-8
 """Weight of the velocity's own size while the least violation is sought: it makes the velocity unique."""
 
 SUPPORT = 1e-6
-"""Share of the largest least violation above which a row's own counts as more than rounding."""
+"""Fraction of the largest least violation above which a row's own counts as more than rounding."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -93,7 +93,7 @@ def ease(
         speed: shape (n,) recovery speed.
         acceleration: shape (n,) recovery acceleration.
         dt: of a tick [s].
-        theta: shape (n,), written: share of its recovery depth that a row is below 0.
+        theta: shape (n,), written: fraction of its recovery depth that a row is below 0.
         out: shape (n,), written: the right-hand sides.
 
     Returns:

@@ -1,4 +1,4 @@
-r"""What the conditions promise of h when the robot does not follow the filtered velocity exactly.
+r"""What the conditions guarantee of h when the robot does not follow the filtered velocity exactly.
 
 With :math:`\dot q = \dot q^{safe} + d`, a row whose condition holds satisfies
 
@@ -25,12 +25,12 @@ from safety.barriers.rows import FAMILIES
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 
 CONDITIONS = ("cbf", "issf")
-"""Conditions that promise a bound."""
+"""Conditions that guarantee a bound."""
 
 
 @dataclass(frozen=True, slots=True)
 class SafetyBound:
-    """What one condition promises for one constraint family.
+    """What one condition guarantees for one constraint family.
 
     Where the family has a margin d_min, everything holds for h - d_min in place of h.
 
@@ -245,17 +245,17 @@ class RowBound:
     so the period for which the filter holds its velocity shows: h may lie below it by what that amounts to.
 
     Args:
-        promise: of the family.
+        guarantee: of the family.
         dt: length of a step [s], above 0.
 
     Raises:
         ConfigError: a value is not allowed.
     """
 
-    def __init__(self, promise: SafetyBound, dt: float) -> None:
+    def __init__(self, guarantee: SafetyBound, dt: float) -> None:
         require_positive("dt", dt)
-        self._promise = promise
-        self._keep, self._gain = _weights(promise.parameters.alpha, dt)
+        self._guarantee = guarantee
+        self._keep, self._gain = _weights(guarantee.parameters.alpha, dt)
         self._b: Array | None = None
 
     def advance(self, h: Array, jac: Array, disturbance: Array) -> float:
@@ -273,12 +273,12 @@ class RowBound:
             self._b = h.copy()
         else:
             self._b *= self._keep
-            self._b += self._gain * self._promise.row_forcing(jac, disturbance)
+            self._b += self._gain * self._guarantee.row_forcing(jac, disturbance)
         return float(self._b[h.argmin()]) if h.size else math.nan
 
 
 def safety_bounds(condition: str, parameters: BarrierParameters) -> dict[str, SafetyBound]:
-    """What a filter promises, by constraint family; empty for a condition that promises no bound."""
+    """What a filter guarantees, by constraint family; empty for a condition that guarantees no bound."""
     if condition not in CONDITIONS:
         return {}
     return {family: SafetyBound(condition, getattr(parameters, family)) for family in FAMILIES}

@@ -10,7 +10,7 @@ from safety.filters.resolution import ResolutionKind, Resolved
 from safety.filters.working_set import Problem
 
 RANK = 1e-9
-"""Share of the largest singular value below which a direction of a point's motion counts as out of reach."""
+"""Fraction of the largest singular value below which a direction of a point's motion counts as out of reach."""
 
 
 class CartesianPush:

@@ -17,8 +17,8 @@ to bring them away from their boundary grows as gradually. With :math:`D_i(h)` w
         \max(0,\; D_i'' - J_i v - \partial_t h_i)^2
 
 with the rows of :math:`h_i \ge 0` as constraints. The nominal velocity :math:`\bar v` is :math:`v^{des}` and what is
-left of the last correction, :math:`w' = v' - v^{des\prime}`, after its largest entry has lost :math:`u\,dt` (a share of
-that, ``HELD``, while a row is lost). The filter is then given :math:`\bar v`, and asks
+left of the last correction, :math:`w' = v' - v^{des\prime}`, after its largest entry has lost :math:`u\,dt` (a fraction
+of that, ``HELD``, while a row is lost). The filter is then given :math:`\bar v`, and asks
 :math:`\min(D_i'', J_i v^r + \partial_t h_i)` of the lost rows. So
 
 - nothing is asked to leave faster than :math:`D_i(0) + r_i`, nor to become faster by more than :math:`a_i\,dt` a tick
@@ -36,15 +36,15 @@ until it is
 
 .. math:: \dot h \ge \theta\, r',\qquad r' = r - U\,dt/\kappa
 
-to a share of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-d` after
+to a fraction of :math:`1/\kappa` at most. From :math:`-h_0` the row is at :math:`-d` after
 :math:`h_0/r' + r(\kappa + 1)/(\kappa a - U)` at the latest, and comes closer as :math:`e^{-r' t/d}` or faster. A
 velocity that is followed to within :math:`\delta < r'` (in the rate of h) brings it to :math:`-d\,\delta/r'`. Rows
-that contradict each other share what can be had, in the least squares' sense: of these nothing is promised but the
+that contradict each other share what can be had, in the least squares' sense: of these nothing is guaranteed but the
 bounds above. r-SSA relaxes what is asked by its own price on top, as it does everywhere.
 
 Eased rows with :math:`h_i \ge 0` stay eased until they ask for all they do otherwise, lost rows or not. While they are,
-the ISSf-CBF's promise :math:`h \ge -\varepsilon \delta^2 / (4 \alpha)` is suspended for them: they may not fall by what
-the filter asks, but nothing makes up for a disturbance yet.
+the ISSf-CBF's guarantee :math:`h \ge -\varepsilon \delta^2 / (4 \alpha)` is suspended for them: they may not fall by
+what the filter asks, but nothing makes up for a disturbance yet.
 
 The search for :math:`v^r` has a budget (``ROUNDS``). Where the rows that hold contradict each other,
 it is done once more without those. Where it is spent, lost rows are asked for what the last command gives them.
@@ -70,7 +70,7 @@ SOFT_ROWS = 64
 """So many lost rows are weighed against each other, the deepest; what the others ask for is cut to what comes of it."""
 
 SUDDEN = 0.2
-"""A deep row that the last command is short of by more than this share of its recovery speed is eased."""
+"""A deep row that the last command is short of by more than this fraction of its recovery speed is eased."""
 
 ROUNDS, ALONE = 60, 20
 """Budget: changes of the active set in the search for the velocity that weighs lost rows; and in one without the rows
@@ -80,10 +80,10 @@ CARRIED = 3.0
 """Largest entry of the last correction that is carried on [rad/s, m/s]."""
 
 HELD = 0.2
-"""Share of its acceleration at which the nominal velocity may take over again as long as a row is lost."""
+"""Fraction of its acceleration at which the nominal velocity may take over again as long as a row is lost."""
 
 SETTLED = 0.05
-"""The last correction counts as used up once less than this share of what it may lose in a tick is lost,"""
+"""The last correction counts as used up once less than this fraction of what it may lose in a tick is lost,"""
 
 RELEASE = 2.0
 """or after so long without a lost row [s]."""
@@ -92,7 +92,7 @@ ROUNDING = 1e-7
 """Room [m/s, rad/s] given to lost rows, so that rounding does not make them contradict each other."""
 
 SHALLOW = 1e-9
-"""Share of its recovery depth that a lost row counts as deep at least, as it is weighed."""
+"""Fraction of its recovery depth that a lost row counts as deep at least, as it is weighed."""
 
 SHORT = 1e-12
 """Added to the squared length of a row [m^2]: nothing moves a row without length, and none that is shorter counts."""
@@ -104,7 +104,7 @@ class RecoverySettings:
 
     Attributes:
         weight: kappa, above 0: how much what lost rows ask for weighs against the change of velocity. A row alone
-            gets the share kappa / (kappa + 1) of it.
+            gets the fraction kappa / (kappa + 1) of it.
         acceleration: u, largest change of the nominal velocity per time [rad/s^2, m/s^2 for the base], above 0.
     """
 

@@ -5,7 +5,7 @@ import numpy as np
 from robots.checks import all_finite
 from robots.messages import Array
 from safety.barriers.rows import BarrierRows
-from safety.filters.condition_kernels import least_shortfall, next_to_immovable
+from safety.filters.condition_kernels import least_violation, near_zero_rows
 from safety.filters.conditions import RowParameters
 from safety.filters.resolution import ResolutionKind, Resolved, candidates
 from safety.filters.second_phase import SLACK_PULL, SecondPhase
@@ -14,14 +14,14 @@ from wbc.active_set import OPTIMAL
 from wbc.least_slack import LeastSlack
 from wbc.qp import UNBOUNDED
 
-LEVER = 1e-4
-"""A row that changes over all inputs between the bounds by at most this share of the widest bound's range [m/rad] is
+NEAR_ZERO_REACH = 1e-4
+"""A row that changes over all inputs between the bounds by at most this fraction of the widest bound's range [m/rad] is
 next to immovable,"""
 
-EASE = 1e-3
-"""and given up where that change is also at most this share of what the row is short of at its best."""
+NEAR_ZERO_GAIN = 1e-3
+"""and given up where that change is also at most this fraction of what the row is short of at its best."""
 
-CERTAIN = 1e-7
+CONFLICT_TOLERANCE = 1e-7
 """Conditions certainly cannot hold where every input violates one by more than this [m/s, rad/s]."""
 
 
@@ -36,15 +36,17 @@ class NearestQp:
     Where the conditions can hold s* is zero, so the first phase is done only where they cannot. Source: eqs. (12),
     (13) of the p-SSA paper with p = 2 and unit weights; eq. (33) of Lee et al. where the conditions can hold.
 
-    A row that cannot hold and that nothing moves to speak of (``LEVER``, ``EASE``) is left out of both phases and stays
+    A row that cannot hold and that nothing moves to speak of (``NEAR_ZERO_REACH``, ``NEAR_ZERO_GAIN``) is left out of
+    both phases and stays
     violated: its compromise with the others would be full speed, in a direction that rounding decides, for next to
     nothing. So the slack is the least to within
 
-    .. math:: \|s\| \le (1 + \mathrm{EASE}) \|s^*\|
+    .. math:: \|s\| \le (1 + \gamma) \|s^*\|
 
-    and each row left out is short of at most ``LEVER`` times the widest bound's range more than at its best. Without
-    such rows it is the least, to rounding (``SLACK_PULL`` and ``ROUNDING`` of :mod:`safety.filters.second_phase`).
-    Should rounding leave the second phase without an answer, that of the first is taken.
+    and each row left out is short of at most ``NEAR_ZERO_REACH`` times the widest bound's range more than at its best.
+    Without such rows it is the least, to rounding (``SLACK_PULL`` and ``ROUNDING`` of
+    :mod:`safety.filters.second_phase`). Should rounding leave the second phase without an answer, that of the first is
+    taken.
 
     After a conflict the next tick starts with the first phase and asks whether all conditions can hold only where its
     slack does not prove that they cannot: the answer is the same, only sooner.
@@ -82,24 +84,26 @@ class NearestQp:
     def _compromise(self, problem: Problem, hard: Optimum | None) -> Resolved:
         """Both phases; ``hard``: what became of the hard conditions, ``None`` where that was not tried."""
         A, b, bounds = np.ascontiguousarray(problem.spaces.A), problem.spaces.b, (problem.lower, problem.upper)
-        lost = next_to_immovable(A, b, *bounds, LEVER, EASE)
-        if lost.size:
+        near_zero = near_zero_rows(A, b, *bounds, NEAR_ZERO_REACH, NEAR_ZERO_GAIN)
+        if near_zero.size:
             b = b.copy()
-            b[lost] = -UNBOUNDED
+            b[near_zero] = -UNBOUNDED
         soft = A, b, self._weights
         proved, v = self._soft.solve(problem, self._pull, problem.clipped(), soft, direct=True)
         short = self._soft.short
-        certain = least_shortfall(A, b, *bounds, short) > CERTAIN
-        if not certain and (lost.size or hard is None):
+        certain = least_violation(A, b, *bounds, short) > CONFLICT_TOLERANCE
+        if not certain and (near_zero.size or hard is None):
             hard = self._hard.solve(problem, b)
             if hard.v is not None:
-                self._conflict = lost.size > 0
-                return Resolved(hard.v, False, candidates(problem, self._hard.working(), lost) if lost.size else None)
+                self._conflict = near_zero.size > 0
+                return Resolved(
+                    hard.v, False, candidates(problem, self._hard.working(), near_zero) if near_zero.size else None
+                )
         if not proved:
             proved, v = self._soft.go_on()
-            certain = certain or least_shortfall(A, b, *bounds, short) > CERTAIN
+            certain = certain or least_violation(A, b, *bounds, short) > CONFLICT_TOLERANCE
         self._conflict = True
-        seen = candidates(problem, np.flatnonzero(short > -BEYOND), lost)
+        seen = candidates(problem, np.flatnonzero(short > -BEYOND), near_zero)
         nearest = self._second.solve(problem, A, short, v)
         unknown = not certain and hard is not None and hard.spent
         spent = not proved or nearest is None or unknown

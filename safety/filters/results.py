@@ -53,7 +53,7 @@ class FilterResult:
         worst_row: index of that condition; -1 for none.
         active: number of conditions at their limit (to ``ACTIVE``) or beyond it.
         relaxed: indices of the conditions that ``v`` violates by more than ``RELAXED``, ascending.
-        shortfall: by how much each of these is violated.
+        violation: by how much each of these is violated.
         cause: why the status is ``FAILED`` or ``UNSAFE``, or that a budget was spent; empty otherwise.
         candidates: rows among which to look for a conflict; ``None`` where all conditions hold.
         spent: whether ``v`` is the best that was found before a budget was spent, see
@@ -66,7 +66,7 @@ class FilterResult:
     worst_row: int
     active: int
     relaxed: Indices = field(default_factory=lambda: NO_ROWS)
-    shortfall: Array = field(default_factory=lambda: NOTHING)
+    violation: Array = field(default_factory=lambda: NOTHING)
     cause: str = ""
     candidates: Candidates | None = None
     spent: bool = False
@@ -137,8 +137,8 @@ def explain(result: FilterResult, labels: Sequence[str]) -> str:
         One line or several; amounts in m/s or rad/s, for accelerations m/s^2 or rad/s^2.
     """
     lines = [result.status.name.lower() + (f": {result.cause}" if result.cause else "")]
-    order = np.argsort(-result.shortfall, kind="stable")
-    lines += [f"  short by {result.shortfall[k]:.3g}: {labels[result.relaxed[k]]}" for k in order]
+    order = np.argsort(-result.violation, kind="stable")
+    lines += [f"  short by {result.violation[k]:.3g}: {labels[result.relaxed[k]]}" for k in order]
     if conflict := result.conflict():
         words = "cannot hold together" if len(conflict) > 1 else "cannot hold"
         lines.append(f"  {words} within the bounds: " + "; ".join(labels[i] for i in conflict))

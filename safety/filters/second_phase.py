@@ -30,10 +30,10 @@ SAMPLE = 4
 """So many violated rows for each variable, evenly among them, tell which directions they fix,"""
 
 FIXED = 1e-10
-"""those along which the sum of their squares grows by more than this share of the most,"""
+"""those along which the sum of their squares grows by more than this fraction of the most,"""
 
 PULLED = 1e-4
-"""and a variable at a bound whose pulls that way are left with more than this share of the sum of their sizes."""
+"""and a variable at a bound whose pulls that way are left with more than this fraction of the sum of their sizes."""
 
 
 @njit(
@@ -67,14 +67,14 @@ def fixed_by(
         seen += 1
         row = A[i]
         for k in range(nv):
-            share = short[i] * row[k]
-            pull[k] += share
-            size[k] += abs(share)
+            fraction = short[i] * row[k]
+            pull[k] += fraction
+            size[k] += abs(fraction)
         if seen % stride == 0:
             for k in range(nv):
-                share, out = row[k], curvature[k]
+                fraction, out = row[k], curvature[k]
                 for j in range(k, nv):
-                    out[j] += share * row[j]
+                    out[j] += fraction * row[j]
     for k in range(nv):
         enough = max(PULLED * size[k], least)
         up, down = pull[k] > enough, -pull[k] > enough
@@ -107,9 +107,9 @@ def _pivot(factor: Array, left: Indices) -> int:
         for a in range(k, m):
             factor[k, a] *= scale
         for a in range(k + 1, m):
-            share, row, source = factor[k, a], factor[a], factor[k]
+            fraction, row, source = factor[k, a], factor[a], factor[k]
             for b in range(k + 1, m):
-                row[b] -= share * source[b]
+                row[b] -= fraction * source[b]
     return m
 
 
@@ -147,9 +147,9 @@ def along(basis: Array, A: Array) -> Array:
     for i in range(A.shape[0]):
         row = out[nv + i]
         for k in range(nv):
-            share, move = A[i, k], basis[k]
+            fraction, move = A[i, k], basis[k]
             for c in range(r):
-                row[c] += share * move[c]
+                row[c] += fraction * move[c]
     return out
 
 

@@ -61,7 +61,7 @@ def _turn_outwards(rotation: Array, face: int, side: float, out: Array) -> bool:
 
 
 @njit(cache=True, error_model="numpy")
-def share_way_out(
+def blend_separation(
     origin: Array,
     direction: Array,
     centres: Array,
@@ -110,7 +110,7 @@ def share_way_out(
 @njit(cache=True, error_model="numpy")
 def face_edges(
     contacts: Array,
-    primary: Indices,
+    representative: Indices,
     centres: Array,
     rotations: Array,
     half_sizes: Array,
@@ -122,7 +122,7 @@ def face_edges(
 
     Args:
         contacts: shape (n, ``safety.geometry.segments.CONTACT_SIZE``).
-        primary: shape (k,) rows of contacts with boxes.
+        representative: shape (k,) rows of contacts with boxes.
         centres: shape (nb, 3) of the boxes [m].
         rotations: shape (nb, 3, 3) the boxes' axes in their columns.
         half_sizes: shape (nb, 3) [m].
@@ -130,8 +130,8 @@ def face_edges(
         origins: shape (4 k, 3) starts of the edges [m], written.
         directions: shape (4 k, 3) from start to end [m], written.
     """
-    for i in range(primary.size):
-        normal, rotation, e = contacts[primary[i], 3:6], rotations[boxes[i]], half_sizes[boxes[i]]
+    for i in range(representative.size):
+        normal, rotation, e = contacts[representative[i], 3:6], rotations[boxes[i]], half_sizes[boxes[i]]
         face, side = _facing(normal, rotation)
         for j in range(4):
             axis = (face + 1 + j // 2) % 3

@@ -182,7 +182,7 @@ def box_contacts(
 
     Where the centre line is in the box the distance is minus the least translation out of it: continuous, with a kink
     where two ways out are equally long. An end alone has a way out of its own, which need not be that of its segment:
-    :func:`safety.geometry.box_faces.share_way_out` replaces it.
+    :func:`safety.geometry.box_faces.blend_separation` replaces it.
 
     Args:
         origin: shape (na, 3) starts of the segments [m].
@@ -200,7 +200,7 @@ def box_contacts(
     for i in range(table.shape[0]):
         row, body, box, feature = table[i, 0], table[i, 1], table[i, 2], table[i, 3]
         # an end alone is a segment of no length
-        shift, share = (1.0 if feature == 2 else 0.0), (1.0 if feature == 0 else 0.0)
+        shift, fraction = (1.0 if feature == 2 else 0.0), (1.0 if feature == 0 else 0.0)
         for k in range(3):
             e[k], along[k] = half_sizes[box, k], direction[body, k]
             offset[k] = origin[body, k] + shift * along[k] - centres[box, k]
@@ -208,7 +208,7 @@ def box_contacts(
             p[k] = d[k] = 0.0
             for r in range(3):
                 p[k] += rotations[box, r, k] * offset[r]
-                d[k] += rotations[box, r, k] * share * along[r]
+                d[k] += rotations[box, r, k] * fraction * along[r]
         s = box_parameter(p, d, e) if feature == 0 else 0.0
         squared = 0.0
         for k in range(3):
@@ -231,6 +231,6 @@ def box_contacts(
                 _write_box_axis(rotations, box, (axis + 2) % 3, 1, row, contacts)
         contacts[row, 6] = distance
         for k in range(3):
-            contacts[row, k] = origin[body, k] + (shift + s * share) * along[k]
+            contacts[row, k] = origin[body, k] + (shift + s * fraction) * along[k]
             total = rotations[box, k, 0] * n[0] + rotations[box, k, 1] * n[1] + rotations[box, k, 2] * n[2]
             contacts[row, 3 + k] = total

@@ -108,7 +108,7 @@ def test_filters_with_a_layer_step_little_more_than_a_control_barrier(name: str)
 
 
 @pytest.mark.parametrize(("name", "mass_scale"), [("cbf", 1.2), ("issf", 1.2), ("issf", 1.4)])
-def test_the_bound_that_is_promised_is_kept(name: str, mass_scale: float) -> None:
+def test_the_bound_that_is_guaranteed_is_kept(name: str, mass_scale: float) -> None:
     """Recomputed: h of every family of own rows against its running bound, which begins at zero and falls below it."""
     result = into_the_torso(name, mass_scale)
     summary, series = result.summary, result.series
@@ -124,7 +124,7 @@ def test_the_bound_that_is_promised_is_kept(name: str, mass_scale: float) -> Non
     assert summary["bound_m"] <= bound.min() < 0.5 * summary["bound_m"]
 
 
-def test_a_heavier_robot_strays_further_and_is_promised_less() -> None:
+def test_a_heavier_robot_strays_further_and_is_guaranteed_less() -> None:
     light, heavy = (into_the_torso("issf", scale).summary for scale in (1.2, 1.4))
     assert heavy["disturbance_rms"] > light["disturbance_rms"]
     assert heavy["bound_running_min_m"] < light["bound_running_min_m"]

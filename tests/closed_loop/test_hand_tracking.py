@@ -71,7 +71,7 @@ def test_the_filter_acts_near_the_torso_and_nowhere_else(robot_name: str) -> Non
 
 
 def test_the_collision_ratio_is_what_its_definition_says(robot_name: str) -> None:
-    """Share of steps in which any pair penetrates, over the share in the reference motion, step for step."""
+    """Fraction of steps in which any pair penetrates, over the fraction in the reference motion, step for step."""
     for name in ("none", "issf"):
         result = circles(robot_name, name)
         h, reference = result.series["h_self_collision"], result.series["h_self_reference"]

@@ -11,7 +11,7 @@ from robots.loader import load_robot
 from robots.messages import Array
 
 LATE = {"g1": 1.0, "tocabi": 2.0}
-"""How many times the promised time the way out may take: TOCABI's dry friction eats half of the speed."""
+"""How many times the guaranteed time the way out may take: TOCABI's dry friction eats half of the speed."""
 
 CASES = [(robot, name) for robot in STARTS for name in ("cbf", "issf", "ssa", "rssa")]
 
@@ -33,11 +33,11 @@ def test_it_is_left_gently(robot_name: str, name: str) -> None:
 
 
 @pytest.mark.parametrize(("robot_name", "name"), CASES)
-def test_it_is_left_in_the_time_that_is_promised(robot_name: str, name: str) -> None:
+def test_it_is_left_in_the_time_that_is_guaranteed(robot_name: str, name: str) -> None:
     series, config = course(robot_name, name), controller_config(load_robot(robot_name), filter=name)
     family = config.safety.self_collision
-    promised = -series["h"][0] / family.recovery_speed + family.recovery_speed / family.recovery_acceleration
-    late = round(LATE[robot_name] * promised / config.dt)
+    guaranteed = -series["h"][0] / family.recovery_speed + family.recovery_speed / family.recovery_acceleration
+    late = round(LATE[robot_name] * guaranteed / config.dt)
     assert series["h"][late:].min() >= -family.recovery_depth
     assert recovery_figures(series, config)["out_s"] <= late * config.dt
     if name != "cbf":

@@ -32,9 +32,9 @@ def commanded(robot: RobotDescription, way: str, name: str, ramp: float, singula
     assert reference.hands is not None
     start, out = [hand.position.copy() for hand in reference.hands], []
     for i in range(round(3.5 / config.dt)):
-        share = min(1.0, max(0.0, (i * config.dt - 0.3) / ramp)) if ramp > 0 else float(i * config.dt > 0.3)
+        fraction = min(1.0, max(0.0, (i * config.dt - 0.3) / ramp)) if ramp > 0 else float(i * config.dt > 0.3)
         for hand, place, side in zip(reference.hands, start, (1.0, -1.0), strict=True):
-            hand.position = place + share * WAYS[way] * np.array([1.0, side, 1.0])
+            hand.position = place + fraction * WAYS[way] * np.array([1.0, side, 1.0])
         command, result = supervisor.tick(plant.measured_state(), reference)
         assert result is not None
         out.append(result.safety.v[6:])

@@ -103,9 +103,9 @@ def test_ways_of_the_hands_are_the_papers_on_its_robot(robot: RobotDescription) 
     """60 cm up and out, 30 cm down and out on TOCABI; in proportion to the arm on others."""
     assert ARM == pytest.approx(arm_length(Kinematics(load_robot("tocabi")), "left"), abs=1e-4)
     left, right = hand_targets(robot, np.zeros(3), np.ones(3))
-    share = arm_length(Kinematics(robot), "left") / ARM
-    np.testing.assert_allclose(left, share * np.array([0.0, 0.6, 0.6]), atol=1e-9)
-    np.testing.assert_allclose(right - 1.0, share * np.array([0.0, -0.3, -0.3]), atol=1e-9)
+    fraction = arm_length(Kinematics(robot), "left") / ARM
+    np.testing.assert_allclose(left, fraction * np.array([0.0, 0.6, 0.6]), atol=1e-9)
+    np.testing.assert_allclose(right - 1.0, fraction * np.array([0.0, -0.3, -0.3]), atol=1e-9)
 
 
 def test_the_foot_counts_as_up_from_ten_centimetres(robot: RobotDescription) -> None:

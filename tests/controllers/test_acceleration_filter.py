@@ -152,7 +152,7 @@ def test_conditions_that_no_torque_can_meet_are_relaxed_and_reported(name: str) 
     result = controller.tick(state, reference)
     assert result.dynwbc.status == "optimal" and result.dynwbc.relaxed
     assert result.safety.status == FilterStatus.RELAXED
-    assert result.safety.slack == pytest.approx(result.safety.shortfall.max(), rel=1e-12)
+    assert result.safety.slack == pytest.approx(result.safety.violation.max(), rel=1e-12)
     assert (np.abs(result.dynwbc.torque) <= robot.joint_array("effort") + 1e-7).all()
 
 

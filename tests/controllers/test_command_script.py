@@ -177,10 +177,10 @@ def test_velocities_that_together_ask_for_longer_steps_than_there_are_are_refuse
         tuning.require_reachable(command, width)
     assert caught.value.name in ("vx", "wz")
     # what it says is within reach is, and no more
-    share = int(re.findall(r"(\d+) %", str(caught.value))[0])
-    tuning.require_reachable(command.scaled(0.01 * share), width)
+    fraction = int(re.findall(r"(\d+) %", str(caught.value))[0])
+    tuning.require_reachable(command.scaled(0.01 * fraction), width)
     with pytest.raises(ConfigError):
-        tuning.require_reachable(command.scaled(0.01 * (share + 1)), width)
+        tuning.require_reachable(command.scaled(0.01 * (fraction + 1)), width)
     planner, kept = VelocityFootsteps(limits, tuning.timing), 0
     for vx, vy, wz in np.random.default_rng(0).uniform(-1.0, 1.0, (200, 3)):
         command = VelocityCommand(vx * fastest.vx, 0.5 * vy * fastest.vy, wz * fastest.wz)

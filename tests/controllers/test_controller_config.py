@@ -92,7 +92,7 @@ def test_bad_settings_of_the_controller_are_refused(settings: dict[str, Any], na
 
 @pytest.mark.parametrize("kind", [FilterTuning, ContactTuning])
 def test_shares_above_one_are_refused(kind: type) -> None:
-    for name in ("velocity_scale",) if kind is FilterTuning else ("length_share", "width_share"):
+    for name in ("velocity_scale",) if kind is FilterTuning else ("length_fraction", "width_fraction"):
         with pytest.raises(ConfigError, match=name):
             kind(**{name: 1.001})
 

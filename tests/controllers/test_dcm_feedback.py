@@ -44,9 +44,9 @@ def test_a_clipped_point_lies_in_the_support(x: float, y: float, yaw: float, fee
 
 def test_points_of_one_sole_and_between_the_soles_stay() -> None:
     both = np.array([True, True])
-    for share in np.linspace(0, 1, 11):
+    for fraction in np.linspace(0, 1, 11):
         for offset in ([0.07, 0.0], [-0.07, 0.02], [0.0, -0.03]):
-            line = CENTRES[0] + share * (CENTRES[1] - CENTRES[0])
+            line = CENTRES[0] + fraction * (CENTRES[1] - CENTRES[0])
             across = np.array([0.0, 1.0])
             point = line + offset - across * 0.0
             clipped = clip_to_support(point, CENTRES, np.zeros(2), HALF, both)

@@ -21,6 +21,7 @@ from safety.barriers.rows import FAMILIES
 from safety.filters.safety_filter import FilterStatus
 from sims.plant import MujocoPlant
 from wbc.dynwbc import DynWbcWeights
+from wbc.tasks import CenterOfMassTask
 
 
 class Course:
@@ -227,12 +228,14 @@ def test_the_feedback_of_the_dcm_acts_by_the_gain_that_was_set() -> None:
     kin = course.controller.kin
     omega = float(np.sqrt(9.81 / kin.com[2]))
     here = kin.com[:2] + kin.com_velocity[:2] / omega
-    course.reference.dcm = DcmReference(here + [0.004, -0.002], np.zeros(2), omega)
+    course.reference.dcm = DcmReference(here + np.array([0.004, -0.002]), np.zeros(2), omega)
 
     def asked(gain: float) -> Array:
         course.controller.set_gains(dcm_gain=gain)
         course.controller.desired_velocity(course.reference)
-        return course.controller.tasks["com"].acceleration[:2].copy()
+        task = course.controller.tasks["com"]
+        assert isinstance(task, CenterOfMassTask)
+        return task.acceleration[:2].copy()
 
     low, middle, high = asked(2.0), asked(4.0), asked(8.0)
     np.testing.assert_allclose(high - middle, 2.0 * (middle - low), rtol=0, atol=1e-9)

@@ -266,7 +266,7 @@ def test_a_kind_without_slots_is_left_out() -> None:
 
 
 def test_what_was_given_last_is_where_it_goes_on_from() -> None:
-    """A measurement changes what is given by no more per tick than its share of the blending time."""
+    """A measurement changes what is given by no more per tick than its fraction of the blending time."""
     settings, dt, rng = TrackerSettings(gate=1.0), 0.002, np.random.default_rng(0)
     tracker = ObstacleTracker(TrackingSettings(settings))
     at_once = ObstacleTracker(TrackingSettings(replace(settings, blending=0.0)))
@@ -282,7 +282,7 @@ def test_what_was_given_last_is_where_it_goes_on_from() -> None:
             jumps.append(at_once.obstacles(t)["sphere 0"].velocity - before)
         given.append(tracker.obstacles(t)["sphere 0"].velocity)
     steps = np.diff(given, axis=0)
-    share = dt / settings.blending
+    fraction = dt / settings.blending
     # at the tick of the measurement already, and all of it within the blending time
-    np.testing.assert_allclose(steps[9::10], share * np.array(jumps[1:]), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(steps[9::10], fraction * np.array(jumps[1:]), rtol=0, atol=1e-12)
     np.testing.assert_allclose(given[19::10], np.cumsum(jumps, axis=0)[1:], rtol=0, atol=1e-12)

@@ -40,9 +40,9 @@ def zmps(plan: DcmPlan, times: np.ndarray) -> np.ndarray:
 def test_the_zmp_goes_from_the_lifting_foot_to_the_standing_one_and_stays(swing: int) -> None:
     feet, double = holds(swing), 0.3
     plan = PLANS.from_double_support(feet, swing, double, TUNING.single_support, AHEAD)
-    shares = np.array([0.0, 0.25, 0.5, 1.0])
-    expected = feet[swing].point + shares[:, None] * (STANCE.point - feet[swing].point)
-    np.testing.assert_allclose(zmps(plan, double * shares), expected, rtol=0, atol=1e-12)
+    fractions = np.array([0.0, 0.25, 0.5, 1.0])
+    expected = feet[swing].point + fractions[:, None] * (STANCE.point - feet[swing].point)
+    np.testing.assert_allclose(zmps(plan, double * fractions), expected, rtol=0, atol=1e-12)
     standing = zmps(plan, np.linspace(double, double + 0.999 * TUNING.single_support, 7))
     np.testing.assert_allclose(standing, np.tile(STANCE.point, (7, 1)), rtol=0, atol=1e-12)
 
@@ -186,11 +186,11 @@ def test_standing_and_coming_to_rest() -> None:
 def test_closed_is_side_by_side_within_the_tolerances(foot: int) -> None:
     would = side_by_side(STANCE, foot)
     inside, outside = 0.9, 1.1
-    for share, closed in ((inside, True), (outside, False)):
+    for fraction, closed in ((inside, True), (outside, False)):
         for sign in (-1.0, 1.0):
-            way = sign * share * CLOSED_DISTANCE
+            way = sign * fraction * CLOSED_DISTANCE
             assert PLANS.closed(STANCE, would.compose(way, 0.0, 0.0), foot) is closed
             assert PLANS.closed(STANCE, would.compose(0.0, way, 0.0), foot) is closed
-            turned = Foothold(would.x, would.y, would.yaw + sign * share * CLOSED_TURN + 2 * np.pi)
+            turned = Foothold(would.x, would.y, would.yaw + sign * fraction * CLOSED_TURN + 2 * np.pi)
             assert PLANS.closed(STANCE, turned, foot) is closed
     assert not PLANS.closed(STANCE, side_by_side(STANCE, 1 - foot), foot)

@@ -128,20 +128,20 @@ def test_a_fade_out_holds_then_fades(robot: RobotDescription) -> None:
     supervisor, reference = supervised(robot)
     last, _ = supervisor.tick(at_rest(robot), reference)
     dt = supervisor.controller.config.dt
-    shares = []
+    fractions = []
     for i in range(1, round((HOLD_TIME + FADE_TIME) / dt) + 5):
         state = with_entry(at_rest(robot, stamp=i * dt), "q", 8, np.nan)
         command, _ = supervisor.tick(state, reference)
         np.testing.assert_array_equal(command.q, last.q)
-        share = float(command.kp[0] / last.kp[0])
-        np.testing.assert_allclose(command.kp, share * last.kp, rtol=1e-12, atol=0)
-        np.testing.assert_allclose(command.tau, share * last.tau, rtol=1e-12, atol=0)
-        shares.append(share)
+        fraction = float(command.kp[0] / last.kp[0])
+        np.testing.assert_allclose(command.kp, fraction * last.kp, rtol=1e-12, atol=0)
+        np.testing.assert_allclose(command.tau, fraction * last.tau, rtol=1e-12, atol=0)
+        fractions.append(fraction)
     held = round(HOLD_TIME / dt)
-    np.testing.assert_allclose(shares[:held], 1.0)
-    assert (np.diff(shares[held:]) <= 0).all()
-    assert np.abs(np.diff(shares)).max() <= 1.01 * dt / FADE_TIME
-    assert shares[-1] == 0.0
+    np.testing.assert_allclose(fractions[:held], 1.0)
+    assert (np.diff(fractions[held:]) <= 0).all()
+    assert np.abs(np.diff(fractions)).max() <= 1.01 * dt / FADE_TIME
+    assert fractions[-1] == 0.0
 
 
 def test_the_end_of_a_fade_out_brakes_every_joint(robot: RobotDescription) -> None:

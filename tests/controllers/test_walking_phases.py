@@ -100,7 +100,7 @@ def test_load_goes_over_in_the_transfer_time(walk: IdealWalk) -> None:
 
 
 def test_a_second_start_takes_the_load_over_as_smoothly_as_the_first(walk: IdealWalk) -> None:
-    """From standing, where both feet have borne the weight for long, no foot's share is cut at once."""
+    """From standing, where both feet have borne the weight for long, no foot's fraction is cut at once."""
     for _ in range(2):
         walk.walking.command = AHEAD
         walk.until(lambda tick: tick.steps > 0 and tick.support is Support.SINGLE)

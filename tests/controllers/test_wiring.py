@@ -279,7 +279,7 @@ def test_a_hand_whose_target_jumps_speeds_up_at_the_configured_rate(robot: Robot
 def test_the_filter_is_told_of_feet_on_the_ground_and_how_one_in_the_air_is_turned(
     robot: RobotDescription, in_contact: tuple[bool, bool], swing_weight: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its position counts by the share that ``swing_weight`` is of ``foot_weight``."""
+    """Its position counts by the fraction that ``swing_weight`` is of ``foot_weight``."""
     case = Case(robot, safety=FilterTuning(foot_weight=1000.0, swing_weight=swing_weight))
     case.reference.in_contact = np.array(in_contact)
     spy = spy_on_filter(case, monkeypatch)
@@ -387,21 +387,21 @@ def test_friction_bounds_the_ground_force(robot: RobotDescription, friction: flo
     assert abs(force[axis]) == pytest.approx(friction * force[2], rel=1e-6)
 
 
-@pytest.mark.parametrize("share", [0.3, 0.7])
+@pytest.mark.parametrize("fraction", [0.3, 0.7])
 @pytest.mark.parametrize(
-    ("name", "row", "push"), [("length_share", 4, [-4.0, -4.0, 0.0]), ("width_share", 3, [0.0, -3.0, 0.0])]
+    ("name", "row", "push"), [("length_fraction", 4, [-4.0, -4.0, 0.0]), ("width_fraction", 3, [0.0, -3.0, 0.0])]
 )
 def test_the_centre_of_pressure_keeps_to_its_share_of_the_sole(
-    robot: RobotDescription, name: str, row: int, push: list[float], share: float, monkeypatch: pytest.MonkeyPatch
+    robot: RobotDescription, name: str, row: int, push: list[float], fraction: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Both in the wrench that DynWBC is given and in the one that it finds where acceleration is all that counts."""
     weights = DynWbcWeights(acceleration=10.0, force=1e-6, moment=1e-6, torque_rate=0.0, energy=0.0)
-    contact = replace(ContactTuning(friction=2.0), **{name: share})
+    contact = replace(ContactTuning(friction=2.0), **{name: fraction})
     case = pushed(robot, contact, weights, np.array(push))
     spy = spy_on_dynwbc(case, monkeypatch)
     result = case.tick()
     sole = robot.soles[0]
-    bound = share * (sole.half_length if name == "length_share" else sole.half_width)
+    bound = fraction * (sole.half_length if name == "length_fraction" else sole.half_width)
     for wrench in (spy.seen["wrench"], result.dynwbc.wrench):
         assert wrench[2] > 1.0
         assert abs(wrench[row]) / wrench[2] == pytest.approx(bound, rel=1e-6)
@@ -433,7 +433,7 @@ def test_the_wrench_is_for_what_the_filter_lets_through(
 def test_the_feet_are_loaded_by_the_lever_of_the_zmp(
     robot: RobotDescription, sideways: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A force through the CoM meets the ground at the ZMP; its distances from the soles decide their shares."""
+    """A force through the CoM meets the ground at the ZMP; its distances from the soles decide their fractions."""
     case = Case(robot, filter="none", tasks=TASKS)
     case.point("com").acceleration = np.array([0.0, sideways, 0.0])
     spy = spy_on_dynwbc(case, monkeypatch)
@@ -444,14 +444,14 @@ def test_the_feet_are_loaded_by_the_lever_of_the_zmp(
     )
     zmp = case.kin.com - np.array([0.0, sideways, 9.81]) / 9.81 * (case.kin.com[2] - 0.5 * (left[2] + right[2]))
     line = (left - right)[:2]
-    share = (zmp - right)[:2] @ line / (line @ line)
-    assert 0.0 < share < 1.0
+    fraction = (zmp - right)[:2] @ line / (line @ line)
+    assert 0.0 < fraction < 1.0
     loads = [(left_rotation @ wrench[:3])[2], (right_rotation @ wrench[6:9])[2]]
-    np.testing.assert_allclose(loads, robot.total_mass * 9.81 * np.array([share, 1 - share]), rtol=1e-9)
+    np.testing.assert_allclose(loads, robot.total_mass * 9.81 * np.array([fraction, 1 - fraction]), rtol=1e-9)
     if sideways:
         # the force leans towards where the CoM is to go, so the other foot carries more than without
         resting = (case.kin.com - right)[:2] @ line / (line @ line)
-        assert (share - resting) * sideways < -0.01 * abs(sideways)
+        assert (fraction - resting) * sideways < -0.01 * abs(sideways)
 
 
 # --- DynWBC and the motors

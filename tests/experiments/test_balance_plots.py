@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from experiments.recording.gait_phases import spells, stances, swings, walks, without_sway
+from experiments.recording.gait_phases import intervals, stances, swings, walks, without_sway
 from experiments.recording.recording import Recording
 from experiments.reports.media import FOOTPRINTS, _at_swings, _key_ticks, camera_path, footprints
 from experiments.reports.plots import balance, distances
@@ -58,9 +58,9 @@ STAND = walk(lifted=())
 
 
 @pytest.mark.parametrize("seed", range(20))
-def test_spells_are_the_unbroken_runs(seed: int) -> None:
+def test_intervals_are_the_unbroken_runs(seed: int) -> None:
     flags = np.random.default_rng(seed).random(30) < 0.5
-    found = spells(flags)
+    found = intervals(flags)
     covered = np.zeros(30, dtype=bool)
     for first, last in found:
         assert flags[first : last + 1].all()

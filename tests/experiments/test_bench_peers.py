@@ -64,7 +64,7 @@ def test_pairs_and_distances_are_those_of_our_rows(robot: RobotDescription) -> N
     ]
     assert names == list(robot.self_collision_pairs)
     data, rng = geometry.createData(), np.random.default_rng(0)
-    rows = np.concatenate([barriers.primary["self_collision"], barriers.primary["leg_collision"]])
+    rows = np.concatenate([barriers.representative["self_collision"], barriers.representative["leg_collision"]])
     for _ in range(20):
         q = standing_configuration(robot)
         q[7:] += rng.uniform(-0.3, 0.3, q.size - 7)

@@ -71,8 +71,8 @@ def test_between_two_draws_obstacles_move_as_they_say(scene: Scene) -> None:
             else:
                 drawn += 1
     # each is drawn anew once in every `every` ticks
-    share = drawn / (kept + drawn)
-    assert share == pytest.approx(1 / scene.every, rel=0.5)
+    fraction = drawn / (kept + drawn)
+    assert fraction == pytest.approx(1 / scene.every, rel=0.5)
 
 
 def test_boxes_turn_at_twenty_radians_a_second() -> None:

@@ -54,12 +54,12 @@ def test_bounds_end_where_the_filter_changes(change: Change) -> None:
     for bound in (series["h_bound"][:, column], series["h_row_bound"]):
         np.testing.assert_array_equal(np.isnan(bound), late)
     assert np.isfinite(series["disturbance"]).all()
-    promise = safety_bounds("issf", controller_config(load_robot("g1")).safety.parameters())["self_collision"]
+    guarantee = safety_bounds("issf", controller_config(load_robot("g1")).safety.parameters())["self_collision"]
     largest = float(series["disturbance"][~late].max())
-    assert summary["bound_m"] == pytest.approx(promise.bound(largest, 0.0))
+    assert summary["bound_m"] == pytest.approx(guarantee.bound(largest, 0.0))
 
 
-def test_a_filter_that_never_ran_promises_nothing() -> None:
+def test_a_filter_that_never_ran_guarantees_nothing() -> None:
     result = run(Stand(duration=0.1), [Changes(lambda c: c.set_filter("none"), None)])
     assert result.summary["filter_changed_at_s"] == 0.0
     assert {result.summary[name] for name in BOUNDS} == {None}

@@ -83,7 +83,7 @@ def test_on_the_same_rows_p_ssa_violates_less_than_the_others(
     worse = 0
     for tick in range(0, len(other), 5):
         rows, _, _ = conditions(loop, run, tick)
-        least = float(np.linalg.norm(pssa.apply(rows, run.series["v_des"][tick]).shortfall))
+        least = float(np.linalg.norm(pssa.apply(rows, run.series["v_des"][tick]).violation))
         assert least <= other[tick] + 1e-6
         worse += other[tick] > least + 1e-3
     assert worse > 0

@@ -182,7 +182,7 @@ def test_every_filter_has_figures_at_every_size(cells: list[dict[str, Any]]) -> 
             for stage in (*STAGES, "total"):
                 assert 0 < figures["median_us"][stage] <= figures["p99_us"][stage] < np.inf
             assert sum(figures["statuses"].values()) == TICKS
-            assert 0 <= figures["infeasible_share"] <= 1
+            assert 0 <= figures["infeasible_fraction"] <= 1
 
 
 def test_qp_filters_never_fail_on_feasible_states(cells: list[dict[str, Any]]) -> None:
@@ -191,7 +191,7 @@ def test_qp_filters_never_fail_on_feasible_states(cells: list[dict[str, Any]]) -
             for name in QP_FILTERS:
                 assert cell["filters"][name]["failures"] == 0, (cell["rows"], cell["variables"], name)
             for name in ("cbf", "ssa", "rssa", "pssa"):
-                assert cell["filters"][name]["infeasible_share"] == 0
+                assert cell["filters"][name]["infeasible_fraction"] == 0
 
 
 def test_no_filter_leaves_all_as_it_is_and_ssa_has_no_solution_in_the_crowd(cells: list[dict[str, Any]]) -> None:
@@ -199,7 +199,7 @@ def test_no_filter_leaves_all_as_it_is_and_ssa_has_no_solution_in_the_crowd(cell
         assert cell["filters"]["none"]["statuses"]["unchanged"] == TICKS
         if cell["scene"] == "infeasible":
             for name in ("ssa", "rssa", "pssa"):
-                assert cell["filters"][name]["infeasible_share"] == 1
+                assert cell["filters"][name]["infeasible_fraction"] == 1
                 assert cell["filters"][name]["statuses"]["unchanged"] == 0
 
 

@@ -268,13 +268,13 @@ def test_the_torque_s_step_is_between_ticks_and_a_share_of_the_limit() -> None:
     torque = np.tile([4.0, -1.0], (10, 1))
     torque[0] = 0.0
     torque[6:, 0], torque[3:, 1] = -6.0, -0.5
-    share = np.full((20, 2), 0.9)
-    share[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
-    assert torque_step_max(recorded(torque=torque, torque_fraction=share)) == pytest.approx(0.5)
+    fraction = np.full((20, 2), 0.9)
+    fraction[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
+    assert torque_step_max(recorded(torque=torque, torque_fraction=fraction)) == pytest.approx(0.5)
     torque[6:, 0] = 4.0
-    share[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
-    assert torque_step_max(recorded(torque=torque, torque_fraction=share)) == pytest.approx(0.25)
-    assert torque_step_max(recorded(torque=torque[:2], torque_fraction=share[:4])) is None
+    fraction[1:-1:2] = np.abs(torque[1:]) / [20.0, 2.0]
+    assert torque_step_max(recorded(torque=torque, torque_fraction=fraction)) == pytest.approx(0.25)
+    assert torque_step_max(recorded(torque=torque[:2], torque_fraction=fraction[:4])) is None
 
 
 def test_zmp_in_the_air_is_not_inside() -> None:
@@ -316,7 +316,7 @@ def test_hand_error_is_over_both_hands() -> None:
 
 
 def test_collision_ratio_compares_shares_of_steps() -> None:
-    """Share of steps in which any pair penetrates, over that of the reference motion."""
+    """Fraction of steps in which any pair penetrates, over that of the reference motion."""
     reference = np.full(20, 0.1)
     reference[4:14] = -0.05
     h = np.full((20, 3), 0.1)
@@ -358,7 +358,7 @@ def test_versions_name_everything_a_run_depends_on() -> None:
 # --- guarantee
 
 
-def promised(condition: str = "issf", leg_pairs: int = 1, **changes: Any) -> dict[str, Any]:
+def guaranteed(condition: str = "issf", leg_pairs: int = 1, **changes: Any) -> dict[str, Any]:
     """Figures of a run with alpha 5 and epsilon 2: two pairs of arms and one of legs, all well above their bounds."""
     steps = 20
     series = recorded(
@@ -372,13 +372,13 @@ def promised(condition: str = "issf", leg_pairs: int = 1, **changes: Any) -> dic
 
 
 def test_bounds_are_those_of_the_largest_disturbance() -> None:
-    out = promised()
+    out = guaranteed()
     assert out["disturbance_max"] == 0.4
     assert out["disturbance_rms"] == pytest.approx(np.sqrt(np.mean(np.linspace(0.0, 0.4, 20) ** 2)))
     assert out["bound_m"] == pytest.approx(-2.0 * 0.4**2 / (4 * 5.0))
     gradient = np.full((20, 5), 0.9)
     gradient[:, 1], gradient[7, 1] = 0.1, 0.3
-    assert promised("cbf", gradient=gradient)["bound_m"] == pytest.approx(-0.3 * 0.4 / 5.0)
+    assert guaranteed("cbf", gradient=gradient)["bound_m"] == pytest.approx(-0.3 * 0.4 / 5.0)
     assert (out["bound_running_min_m"], out["row_bound_min_m"]) == (-0.01, 0.004)
 
 
@@ -387,7 +387,7 @@ def test_margins_are_of_each_family_at_the_same_instant() -> None:
     h = np.full((20, 3), 1.0)
     h[4, 1], h[5, 2] = -0.15, 0.1
     bound[9, 1] = 0.96  # nearer than the smallest h is to the smallest bound
-    out = promised(h_bound=bound, h_self_collision=h)
+    out = guaranteed(h_bound=bound, h_self_collision=h)
     margins = {key: value for key, value in out.items() if key.startswith("margin")}
     assert margins == {
         "margin_joint_limit_rad": pytest.approx(0.3),
@@ -398,13 +398,13 @@ def test_margins_are_of_each_family_at_the_same_instant() -> None:
     }
     assert out["bound_held"] is True
     h[4, 1] = -0.21
-    assert promised(h_bound=bound, h_self_collision=h)["bound_held"] is False
+    assert guaranteed(h_bound=bound, h_self_collision=h)["bound_held"] is False
 
 
-def test_the_bound_of_an_obstacle_is_no_promise() -> None:
+def test_the_bound_of_an_obstacle_is_no_guarantee() -> None:
     h = np.full(20, 0.1)
     h[11] = -0.03
-    out = promised(h_obstacle=h)
+    out = guaranteed(h_obstacle=h)
     assert out["margin_obstacle_m"] == pytest.approx(-0.02)
     assert out["bound_held"] is True
 
@@ -413,21 +413,21 @@ def test_steps_after_a_stop_do_not_count() -> None:
     disturbance, bound, row = np.full(20, 0.2), np.full((20, 5), -0.01), np.full(20, 0.004)
     h = np.full((20, 3), 0.1)
     disturbance[10:], bound[10:], row[10:], h[15:] = np.nan, np.nan, np.nan, -0.5
-    out = promised(disturbance=disturbance, h_bound=bound, h_row_bound=row, h_self_collision=h)
+    out = guaranteed(disturbance=disturbance, h_bound=bound, h_row_bound=row, h_self_collision=h)
     assert (out["disturbance_max"], out["bound_held"], out["row_bound_min_m"]) == (0.2, True, 0.004)
     assert out["margin_self_collision_m"] == pytest.approx(0.11)
 
 
-def test_where_nothing_is_promised_only_the_disturbance_is_told() -> None:
+def test_where_nothing_is_guaranteed_only_the_disturbance_is_told() -> None:
     nothing = {"h_bound": np.full((20, 5), np.nan), "h_row_bound": np.full(20, np.nan)}
-    free = promised("none", **nothing)
+    free = guaranteed("none", **nothing)
     assert free.pop("disturbance_max") == 0.4
     assert free.pop("disturbance_rms") > 0
     assert set(free.values()) == {None}
-    never_ran = promised(disturbance=np.full(20, np.nan), **nothing)
+    never_ran = guaranteed(disturbance=np.full(20, np.nan), **nothing)
     assert set(never_ran.values()) == {None}
     # only pairs of legs: no bound on those of arms
-    assert promised(leg_pairs=3)["bound_m"] is None
+    assert guaranteed(leg_pairs=3)["bound_m"] is None
 
 
 # --- titles

@@ -221,7 +221,7 @@ def test_columns_of_pairs_are_in_the_order_that_the_page_tells(hands: Recording)
     bodies = CollisionBodies(kin)
     barrier = SelfCollisionBarrier("self_collision", bodies, robot.self_collision_pairs)
     barriers = BarrierSet(kin, bodies, [barrier])
-    h = barriers.evaluate(kin).h[barriers.primary["self_collision"]]
+    h = barriers.evaluate(kin).h[barriers.representative["self_collision"]]
     step = int(np.searchsorted(hands.series["step_time"], hands.series["time"][-1] - 1e-9))
     np.testing.assert_allclose(hands.series["h_self_collision"][step], h, rtol=1e-6, atol=1e-9)
 
@@ -282,7 +282,7 @@ def test_the_bound_of_the_row_solves_the_equation_of_the_page(filtered: Recordin
     taken = 0.0
     for q, d in zip(series["q"][1:], disturbance, strict=True):
         kin.update_geometry(q)
-        rows, kept = barriers.evaluate(kin), barriers.primary["self_collision"]
+        rows, kept = barriers.evaluate(kin), barriers.representative["self_collision"]
         h, jac = rows.h[kept], rows.jac[kept]
         room = margin + (jac**2).sum(axis=1) / epsilon / alpha
         settled = room + jac @ d / alpha
@@ -301,7 +301,7 @@ def test_gradients_and_the_bound_of_the_row_are_those_of_the_true_configuration(
     series = hands.series
     kin, rows = arm_rows(hands)
     kin.update_geometry(series["q"][-1])
-    jac = rows.evaluate(kin).jac[rows.primary["self_collision"]]
+    jac = rows.evaluate(kin).jac[rows.representative["self_collision"]]
     step = 2 * len(series["time"]) - 3
     assert series["gradient"][step, 1] == pytest.approx(np.linalg.norm(jac, axis=1).max(), rel=1e-12)
     assert series["gradient"][:, 0] == pytest.approx(1.0, rel=1e-15)

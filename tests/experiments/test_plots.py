@@ -44,7 +44,7 @@ def test_every_run_has_its_own_colour() -> None:
     assert len(set(colours)) == len(results)
 
 
-def test_bounds_are_drawn_only_where_something_is_promised() -> None:
+def test_bounds_are_drawn_only_where_something_is_guaranteed() -> None:
     free, filtered = made_run(filter="none"), made_run()
     assert distances.guarantee_plot([free]) is None
     assert distances.guarantee_plot([made_run(ticks=0)]) is None

@@ -95,7 +95,7 @@ def test_true_rows_are_the_distances_among_all_rows(robot: RobotDescription, kin
         rows, found = every.evaluate(kin), truth.evaluate(q, obstacles)
         gradients = dict(zip(GUARANTEED, truth.gradients(found), strict=True))
         assert sum(cut.stop - cut.start for cut in truth.slices.values()) == found.h.size
-        for family, chosen in every.primary.items():
+        for family, chosen in every.representative.items():
             np.testing.assert_array_equal(found.h[truth.slices[family]], rows.h[chosen])
             np.testing.assert_array_equal(found.jac[truth.slices[family]], rows.jac[chosen])
             longest = np.linalg.norm(rows.jac[chosen], axis=1)
@@ -123,7 +123,7 @@ def test_every_part_of_a_run_is_booked() -> None:
     assert (scenario.control_rate, scenario.plant.physics_dt, scenario.duration) == (2000.0, 0.0005, 0.1)
     figures = loop_figures(scenario)
     passed = 1e3 * (time.perf_counter() - before)
-    assert set(figures) == {*PARTS, "loop", "real_time_factor", "processor_share"}
+    assert set(figures) == {*PARTS, "loop", "real_time_factor", "processor_fraction"}
     assert all(value > 0 for value in figures.values())
     assert figures["loop"] == pytest.approx(sum(figures[part] for part in LOOP_PARTS))
     assert figures["loop"] * figures["real_time_factor"] == pytest.approx(1e3)
@@ -141,7 +141,7 @@ def test_the_bench_prints_and_writes_every_part(
     assert list(figures) == ["g1"]
     assert list(figures["g1"]) == ["hands 250 Hz", "walk 250 Hz"]
     printed = capsys.readouterr().out
-    for part in (*PARTS, "loop", "times real time", "processor share"):
+    for part in (*PARTS, "loop", "times real time", "processor fraction"):
         assert part in printed
 
 

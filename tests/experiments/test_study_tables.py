@@ -40,7 +40,7 @@ def test_an_interval_holds_the_true_mean_about_as_often_as_it_says() -> None:
     rng = np.random.default_rng(0)
     found = [spread(rng.normal(3.0, 1.0, 30).tolist()) for _ in range(200)]
     held = np.mean([s.low <= 3.0 <= s.high for s in found])
-    # percentile intervals of 30 normal values hold it in 93 to 94 of 100; three standard deviations of the share
+    # percentile intervals of 30 normal values hold it in 93 to 94 of 100; three standard deviations of the fraction
     assert abs(held - 0.935) < 3 * np.sqrt(0.935 * 0.065 / 200)
 
 

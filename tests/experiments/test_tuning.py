@@ -85,14 +85,15 @@ def tuner(
     start: float = 4.0,
     ratios: dict[str, float] | None = None,
     unbound: Callable[[float, float], float] | None = None,
-    share: Callable[[str], float] = lambda name: 1.0,
+    fraction: Callable[[str], float] = lambda name: 1.0,
     begins: str = "",
     **options: Any,
 ) -> tuple[dict[str, Choice], list[dict[str, dict[str, float]]]]:
     """Tunes robots that are formulas: ``model`` gives the push and the squared gradient of a family at alpha, epsilon.
 
-    ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds, ``share``
-    the share of the push that reaches a run of that name; only runs whose name ``begins`` like this are made.
+    ``unbound`` gives the smallest self-collision barrier of runs in which no condition of that family binds,
+    ``fraction`` the fraction of the push that reaches a run of that name; only runs whose name ``begins`` like this are
+    made.
 
     Returns:
         The choice, and the parameters of each round.
@@ -109,7 +110,7 @@ def tuner(
         for family in run.families:
             alpha, epsilon = (rounds[-1][family][key] for key in ("alpha", "epsilon"))
             push, squared = model(family, alpha, epsilon)
-            push *= share(run.name)
+            push *= fraction(run.name)
             margin = margins[family]
             least = (squared / epsilon - push) / alpha
             measured.append(Measured(family, least, squared / (alpha * margin + push), push, squared, 100))
@@ -167,7 +168,7 @@ def test_the_run_that_is_pushed_most_decides(tmp_path: Path) -> None:
     for folder in ("all", "one"):
         (tmp_path / folder).mkdir()
     everywhere, _ = tuner(tmp_path / "all", model, lambda alpha, epsilon: False, rounds=15)
-    somewhere, _ = tuner(tmp_path / "one", model, lambda alpha, epsilon: False, rounds=15, share=alone)
+    somewhere, _ = tuner(tmp_path / "one", model, lambda alpha, epsilon: False, rounds=15, fraction=alone)
     arms = ("self_collision", "workspace", "joint_limit")
     assert {f: somewhere[f].epsilon for f in arms} == {f: everywhere[f].epsilon for f in arms}
     assert all(somewhere[f].where.endswith("loaded") for f in arms)

@@ -304,7 +304,7 @@ def test_recorded_barriers_are_those_of_the_true_state(robot_name: str, monkeypa
         h = barriers.evaluate(kin).h
         step = 2 * i - 1
         assert series["step_time"][step] == pytest.approx(series["time"][i], abs=1e-9)
-        distances = h[[*barriers.primary["self_collision"], *barriers.primary["leg_collision"]]]
+        distances = h[[*barriers.representative["self_collision"], *barriers.representative["leg_collision"]]]
         np.testing.assert_allclose(series["h_self_collision"][step], distances, rtol=1e-6, atol=1e-7)
         np.testing.assert_allclose(series["h_joint_limit"][step], h[cut["joint_limit"]].min(), rtol=0, atol=1e-12)
         np.testing.assert_allclose(series["h_workspace"][step], h[cut["workspace"]], rtol=0, atol=1e-12)

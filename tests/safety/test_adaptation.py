@@ -108,9 +108,9 @@ def lagging_loop(filtered: Array, lag: float, time: float, dt: float) -> Array:
     """Estimates of the push, shape (n,), on a row held at h = 0 by motors that lag; ``filtered`` (n,) is the push after
     the adapter's filter, as it would be without the motors' lag."""
     adapter, jac = EpsilonAdapter(PARAMETERS, AdaptationTuning(time, 1e-9), dt), np.array([[1.0]])
-    share = -math.expm1(-dt / time)
+    fraction = -math.expm1(-dt / time)
     before = np.r_[0.0, filtered[:-1]]
-    pushes = before + (filtered - before) / share
+    pushes = before + (filtered - before) / fraction
     v = 0.25
     estimates: list[Array] = []
     for push in pushes.tolist():

@@ -183,7 +183,7 @@ def test_self_collision_rows_are_equations_41_to_44(kin: Kinematics, barriers: B
     rng = np.random.default_rng(seed)
     q = random_configuration(kin, rng)
     rows = rows_at(barriers, kin, q, random_obstacles(rng, q[:3]))
-    distances = [*barriers.primary["self_collision"], *barriers.primary["leg_collision"]]
+    distances = [*barriers.representative["self_collision"], *barriers.representative["leg_collision"]]
     for i, pair in zip(distances, kin.robot.self_collision_pairs, strict=True):
         p_a, p_b = closest_samples(kin, pair)
         (body_a, radius_a, _), (body_b, radius_b, _) = (segment_points(kin, n, np.zeros(1)) for n in pair)
@@ -213,10 +213,10 @@ def test_order_families_and_labels_are_what_the_recorders_rely_on(kin: Kinematic
     assert tuple(cut) == FAMILIES[:-1]
     assert [c.start for c in cut.values()] == [0, *(c.stop for c in list(cut.values())[:-1])]
     assert cut["workspace"].stop == barriers.size == len(barriers.labels)
-    distances = [*barriers.primary["self_collision"], *barriers.primary["leg_collision"]]
+    distances = [*barriers.representative["self_collision"], *barriers.representative["leg_collision"]]
     assert [barriers.labels[i] for i in distances] == [f"{a} - {b}" for a, b in robot.self_collision_pairs]
     legs = [f"{a} - {b}" for a, b in robot.leg_pairs]
-    assert [barriers.labels[i] for i in barriers.primary["leg_collision"]] == legs
+    assert [barriers.labels[i] for i in barriers.representative["leg_collision"]] == legs
     names = [c.name for c in robot.collisions]
     expected = tuple(f"{n} - obstacle {i}" for n in names for i in range(OBSTACLES))
     first = cut["obstacle"].start
@@ -290,7 +290,7 @@ def test_two_barriers_of_one_family_share_a_slice_if_they_follow_each_other(kin:
     halves: list[Barrier] = [SelfCollisionBarrier("self_collision", bodies, p) for p in (pairs[:4], pairs[4:])]
     both = BarrierSet(kin, bodies, halves)
     assert both.slices == {"self_collision": slice(0, both.size)}
-    assert [both.labels[i] for i in both.primary["self_collision"]] == [f"{a} - {b}" for a, b in pairs]
+    assert [both.labels[i] for i in both.representative["self_collision"]] == [f"{a} - {b}" for a, b in pairs]
     with pytest.raises(ConfigError, match="barriers"):
         BarrierSet(kin, bodies, [halves[0], JointLimitBarrier(kin), halves[1]])
 
@@ -368,7 +368,7 @@ def test_permuting_obstacles_permutes_rows(kin: Kinematics, state: State) -> Non
 
 def test_rows_beside_a_distance_are_never_smaller(kin: Kinematics, barriers: BarrierSet, state: State) -> None:
     h = rows_at(barriers, kin, *state).h
-    distance = {barriers.labels[i]: h[i] for rows in barriers.primary.values() for i in rows}
+    distance = {barriers.labels[i]: h[i] for rows in barriers.representative.values() for i in rows}
     for label, value in zip(barriers.labels, h, strict=True):
         assert value >= distance.get(label, distance[label.split(",")[0]]) - 1e-12
 
@@ -380,14 +380,14 @@ def test_pairs_that_nothing_separates_are_left_out_unless_asked_for() -> None:
     kept = standard_barriers(kin, ("sphere",), keep_fixed=True)
     assert "pelvis - obstacle 0" in kept.labels
     pairs = [f"{a} - {b}" for a, b in robot.self_collision_pairs]
-    rows = [*kept.primary["self_collision"], *kept.primary["leg_collision"]]
+    rows = [*kept.representative["self_collision"], *kept.representative["leg_collision"]]
     assert [kept.labels[i] for i in rows] == pairs
     left = Kinematics(robot, base="fixed", joints=[n for n in robot.joint_names if n.startswith("left_shoulder")])
     moving = standard_barriers(left)
     assert "left_hand - torso_low" in moving.labels
     assert "right_hand - torso_low" not in moving.labels
     assert "left_thigh - right_thigh" not in moving.labels
-    assert len(moving.primary["joint_limit"]) == 2 * len(left.joint_names)
+    assert len(moving.representative["joint_limit"]) == 2 * len(left.joint_names)
     left.update_geometry(left.posture())
     h, jac = moving.evaluate(left).h, moving.evaluate(left).jac
     assert np.isfinite(h).all()

@@ -46,10 +46,10 @@ def test_a_measurement_moves_the_estimate_without_a_step(settings: TrackerSettin
     # and it is no step later either: what the news is worth comes in proportion to the time
     at_once, _, _ = pair(replace(settings, blending=0.0))
     at_once.measure(np.array([0.3, 0.1, 0.1]), stamp)
-    for share in (0.25, 0.5, 0.75, 1.0):
-        t = now + share * BLENDING
+    for fraction in (0.25, 0.5, 0.75, 1.0):
+        t = now + fraction * BLENDING
         old, _, _ = pair(settings)
-        expected = (1 - share) * state(old, t) + share * state(at_once, t)
+        expected = (1 - fraction) * state(old, t) + fraction * state(at_once, t)
         np.testing.assert_allclose(state(track, t), expected, rtol=0, atol=1e-12)
 
 
@@ -104,18 +104,18 @@ def test_the_covariance_is_that_of_the_error(settings: TrackerSettings, period: 
         seen = truth[0] + settings.position_noise * rng.normal(size=(count, 3))
         for track, z in zip(tracks, seen, strict=True):
             track.measure(z, k * period)
-    for share in (0.0, 0.3):
-        t = (steps - 1) * period + share * BLENDING
-        ahead, extra = _transition(share * BLENDING, order), white_noise(order, share * BLENDING, density**2)
+    for fraction in (0.0, 0.3):
+        t = (steps - 1) * period + fraction * BLENDING
+        ahead, extra = _transition(fraction * BLENDING, order), white_noise(order, fraction * BLENDING, density**2)
         later = np.einsum("ij,jnk->ink", ahead, truth)
         later += np.einsum(
             "ij,jnk->ink", np.linalg.cholesky(extra + 1e-18 * np.eye(order)), rng.normal(size=truth.shape)
         )
         error = np.array([state(track, t) for track in tracks]) - np.concatenate([later[0], later[1]], axis=1)
         variance = np.square(error).reshape(count, 2, 3).mean(axis=(0, 2))
-        promised = np.diag(tracks[0].covariance(t))[[0, 3]]
+        guaranteed = np.diag(tracks[0].covariance(t))[[0, 3]]
         # 9000 samples: five standard deviations of their variance
-        np.testing.assert_allclose(variance, promised, rtol=5 * np.sqrt(2 / (3 * count)))
+        np.testing.assert_allclose(variance, guaranteed, rtol=5 * np.sqrt(2 / (3 * count)))
 
 
 def test_a_restart_is_handed_out_at_once() -> None:

@@ -1,4 +1,4 @@
-"""What every filter promises, whatever its condition and resolution, for velocities and for accelerations."""
+"""What every filter guarantees, whatever its condition and resolution, for velocities and for accelerations."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -116,11 +116,11 @@ def conditions_of(name: str, order: int, case: Case) -> HalfSpaces:
 def check_honest(name: str, order: int, case: Case, result: FilterResult) -> None:
     """Slack, rows, status and bounds belong to the input that is returned."""
     spaces = conditions_of(name, order, case)
-    shortfall = np.where(spaces.active, np.maximum(0.0, spaces.b - spaces.A @ result.v), 0.0)
-    assert result.slack == pytest.approx(shortfall.max(), abs=1e-12)
-    assert result.worst_row == (int(shortfall.argmax()) if shortfall.max() > 0 else -1)
-    np.testing.assert_array_equal(result.relaxed, np.flatnonzero(shortfall > RELAXED))
-    np.testing.assert_allclose(result.shortfall, shortfall[result.relaxed], rtol=0, atol=1e-12)
+    violation = np.where(spaces.active, np.maximum(0.0, spaces.b - spaces.A @ result.v), 0.0)
+    assert result.slack == pytest.approx(violation.max(), abs=1e-12)
+    assert result.worst_row == (int(violation.argmax()) if violation.max() > 0 else -1)
+    np.testing.assert_array_equal(result.relaxed, np.flatnonzero(violation > RELAXED))
+    np.testing.assert_allclose(result.violation, violation[result.relaxed], rtol=0, atol=1e-12)
     if result.status == FilterStatus.UNCHANGED:
         assert result.slack == 0.0
         assert result.v.tobytes() == case.nominal.tobytes()
@@ -491,7 +491,7 @@ def test_conflicts_relax_by_default_and_pass_the_nominal_only_where_that_was_ask
         check_bounds(order, case, unsafe)
         if order == 1:
             np.testing.assert_array_equal(unsafe.v, np.clip(case.nominal, -3, 3))
-        total = [float(np.sum(r.shortfall**2)) for r in (relaxed, unsafe)]
+        total = [float(np.sum(r.violation**2)) for r in (relaxed, unsafe)]
         assert total[0] < total[1]
 
 
@@ -504,7 +504,7 @@ def test_explanations_name_the_rows() -> None:
     assert text.splitlines()[0] == "relaxed"
     assert result.conflict() == (0, 1)
     assert "cannot hold together within the bounds: row 0; row 1" in text
-    assert f"short by {result.shortfall[0]:.3g}: row {result.relaxed[0]}" in text
+    assert f"short by {result.violation[0]:.3g}: row {result.relaxed[0]}" in text
     refused = apply(make("pssa", 1, nv, n), case, age=1.0)
     assert explain(refused, labels) == "failed: input is 1.00 s old, allowed are 0.10 s"
 

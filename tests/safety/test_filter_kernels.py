@@ -95,16 +95,16 @@ def test_what_is_asked_for_while_rows_are_lost_is_numpys() -> None:
         reached = A @ last + acceleration * dt
         if not held_back:
             b[~lost] = reached[~lost] - 1.0
-        share = np.clip(-h / depth, 0.0, 1.0)
-        bounded = np.minimum(np.maximum(b, share * speed - dh_dt), at_zero + speed)
+        fraction = np.clip(-h / depth, 0.0, 1.0)
+        bounded = np.minimum(np.maximum(b, fraction * speed - dh_dt), at_zero + speed)
         resting = np.minimum(bounded, np.maximum(reached, -dh_dt))
-        expected = (1.0 - share) * resting + share * np.minimum(bounded, reached)
+        expected = (1.0 - fraction) * resting + fraction * np.minimum(bounded, reached)
         expected[~lost] = np.minimum(b, np.maximum(reached, -dh_dt))[~lost]
         theta, out = np.full(n, np.nan), np.full(n, np.nan)
         said = ease(h, dh_dt, lost, A, b, at_zero, last, depth, speed, acceleration, dt, theta, out)
         assert said == held_back
         np.testing.assert_allclose(out, expected, rtol=0, atol=1e-12)
-        np.testing.assert_allclose(theta, np.where(lost, share, 0.0), rtol=0, atol=1e-15)
+        np.testing.assert_allclose(theta, np.where(lost, fraction, 0.0), rtol=0, atol=1e-15)
 
 
 def test_what_weighs_nothing_need_not_be_numbers() -> None:

@@ -1,4 +1,4 @@
-"""What the conditions promise under a disturbance, against the equations that it follows from."""
+"""What the conditions guarantee under a disturbance, against the equations that it follows from."""
 
 from typing import Any
 
@@ -182,10 +182,10 @@ def test_a_margin_shifts_everything_by_itself(condition: str, seed: int, margin:
 @pytest.mark.parametrize("condition", ["cbf", "issf"])
 def test_bounds_of_rows_follow_rows_whose_condition_is_active(condition: str) -> None:
     """Three rows that obey the condition with equality lie on their bounds; those with room to spare lie above."""
-    promise = SafetyBound(condition, FamilyParameters(alpha=5.0, epsilon=2.0))
+    guarantee = SafetyBound(condition, FamilyParameters(alpha=5.0, epsilon=2.0))
     rng = np.random.default_rng(3)
     jac, d = rng.normal(size=(STEPS, 3, 4)), rng.normal(size=(STEPS, 4))
-    tight, roomy = RowBound(promise, DT), RowBound(promise, DT)
+    tight, roomy = RowBound(guarantee, DT), RowBound(guarantee, DT)
     h = room = np.array([0.1, 0.02, 0.3])
     for i in range(STEPS):
         if i:
@@ -201,15 +201,15 @@ def test_bounds_of_rows_follow_rows_whose_condition_is_active(condition: str) ->
 
 
 def test_row_bounds_are_above_the_bound_from_the_size_of_the_disturbance() -> None:
-    promise = SafetyBound("issf", FamilyParameters(alpha=5.0, epsilon=2.0))
+    guarantee = SafetyBound("issf", FamilyParameters(alpha=5.0, epsilon=2.0))
     jac, d = random_walk(5)
-    row = RowBound(promise, DT)
+    row = RowBound(guarantee, DT)
     by_row = [row.advance(np.zeros(1), j[None], e) for j, e in zip(jac, d, strict=True)]
-    by_size = promise.running_bound(0.0, np.linalg.norm(d[1:], axis=1), np.linalg.norm(jac[1:], axis=1), DT)
+    by_size = guarantee.running_bound(0.0, np.linalg.norm(d[1:], axis=1), np.linalg.norm(jac[1:], axis=1), DT)
     assert (np.array(by_row[1:]) > by_size).all()
 
 
-def test_where_the_filter_does_not_run_nothing_is_promised() -> None:
+def test_where_the_filter_does_not_run_nothing_is_guaranteed() -> None:
     sizes = np.array([0.1, 0.2, np.nan, 0.1])
     assert np.isnan(issf_running_bound(5.0, 2.0, sizes, DT)).tolist() == [False, False, True, True]
     assert np.isnan(cbf_running_bound(5.0, np.ones(4), sizes, DT)).tolist() == [False, False, True, True]
@@ -222,7 +222,7 @@ def test_where_the_filter_does_not_run_nothing_is_promised() -> None:
     )
 
 
-def test_every_family_has_the_promise_of_its_own_parameters() -> None:
+def test_every_family_has_the_guarantee_of_its_own_parameters() -> None:
     parameters = BarrierParameters(obstacle=FamilyParameters(alpha=3.0, epsilon=7.0))
     found = safety_bounds("issf", parameters)
     assert tuple(found) == FAMILIES

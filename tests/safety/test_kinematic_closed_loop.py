@@ -1,4 +1,4 @@
-"""The filter in closed loop with an exact integrator: what eqs. (5) and (32) promise over time, family by family."""
+"""The filter in closed loop with an exact integrator: what eqs. (5) and (32) guarantee over time, family by family."""
 
 from dataclasses import dataclass
 
@@ -187,7 +187,7 @@ def test_a_moving_obstacle_is_evaded(robot: RobotDescription, name: str) -> None
     assert lowest[-1] < 0.5 * lowest[0]
 
 
-def test_a_smaller_step_comes_closer_to_the_continuous_promise(robot: RobotDescription, family: str) -> None:
+def test_a_smaller_step_comes_closer_to_the_continuous_guarantee(robot: RobotDescription, family: str) -> None:
     rooms = []
     for dt in (8e-3, 2e-3):
         course = Loop(robot, family, "cbf").run(0.6, dt=dt)

@@ -59,12 +59,12 @@ def test_sss_with_a_layer_is_a_cbf_with_its_margin() -> None:
     assert with_layer.active.all()
 
 
-@pytest.mark.parametrize("share", [0.0, 0.3, 0.9])
+@pytest.mark.parametrize("fraction", [0.0, 0.3, 0.9])
 @pytest.mark.parametrize("start", [0.3, MARGIN, MARGIN - LAYER, -0.1])
-def test_an_error_of_the_rate_costs_no_more_than_its_share_of_the_layer(start: float, share: float) -> None:
-    """The rate is as low as the condition lets it be, less an error of delta = share * eta, in fine steps."""
-    dt, delta = 5e-4, share * ETA
-    lowest = MARGIN - share * LAYER
+def test_an_error_of_the_rate_costs_no_more_than_its_share_of_the_layer(start: float, fraction: float) -> None:
+    """The rate is as low as the condition lets it be, less an error of delta = fraction * eta, in fine steps."""
+    dt, delta = 5e-4, fraction * ETA
+    lowest = MARGIN - fraction * LAYER
     slowest = max(0.0, (MARGIN - LAYER - start) / (ETA - delta)) if start < MARGIN - LAYER else 0.0
     h, below_layer = start, 0.0
     for k in range(12000):

@@ -51,16 +51,16 @@ def leave(safety: SafetyFilter, h: Array, jac: Array, v_des: Array, duration: fl
 
 @pytest.mark.parametrize("name", QPS)
 @pytest.mark.parametrize("pull", [0.0, -1.5])
-def test_a_row_comes_back_in_the_time_that_is_promised(name: str, pull: float) -> None:
+def test_a_row_comes_back_in_the_time_that_is_guaranteed(name: str, pull: float) -> None:
     jac, start = np.array([[0.3, -0.4, 0.0]]), -0.1
     h, v = leave(filter_of(1, 3, name), np.array([start]), jac, pull * jac[0] / np.linalg.norm(jac), 2.0)
     u, k = SETTINGS.acceleration, SETTINGS.weight
     fall = u * np.abs(jac).sum()
     assert fall < k * ACCELERATION
     speed = SPEED - fall * DT / k
-    promised = -start / speed + SPEED * (k + 1) / (k * ACCELERATION - fall)
+    guaranteed = -start / speed + SPEED * (k + 1) / (k * ACCELERATION - fall)
     deep = h[:, 0] < -DEPTH
-    assert deep.argmin() * DT <= promised
+    assert deep.argmin() * DT <= guaranteed
     # from there on exponentially
     first = int(deep.argmin())
     times = DT * np.arange(len(h) - first)

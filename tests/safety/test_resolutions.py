@@ -251,7 +251,7 @@ def test_a_row_that_nothing_moves_is_a_conflict_of_its_own() -> None:
     result = make("pssa", 9, 4).apply(rows_demanding(A, b, ETA), v_des)
     assert result.status == FilterStatus.RELAXED
     np.testing.assert_array_equal(result.relaxed, [0])
-    assert result.shortfall[0] == pytest.approx(0.2, abs=1e-12)
+    assert result.violation[0] == pytest.approx(0.2, abs=1e-12)
     assert result.conflict() == (0,)
     # the others are held as if it were not there
     others = make("pssa", 8, 4).apply(rows_demanding(A[1:], b[1:], ETA), v_des)

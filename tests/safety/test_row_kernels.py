@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import linprog
 
 from robots.messages import Array
-from safety.filters.condition_kernels import add_violated, least_shortfall, next_to_immovable
+from safety.filters.condition_kernels import add_violated, least_violation, near_zero_rows
 from safety.geometry.contact_rows import all_numbers, obstacle_motion, room
 from safety.geometry.shapes import Obstacle
 
@@ -49,37 +49,37 @@ def test_one_number_that_is_not_finite_is_found_wherever_it_is(bad: float) -> No
     assert not all_numbers(np.array([np.inf]), np.array([-np.inf]), np.zeros((1, 2)))
 
 
-def test_rows_next_to_immovable_are_those_that_bounds_cannot_ease() -> None:
+def test_rows_near_zero_rows_are_those_that_bounds_cannot_ease() -> None:
     rng = np.random.default_rng(3)
     lower, upper = rng.uniform(-2, -1, 5), rng.uniform(1, 2, 5)
     A = rng.normal(size=(200, 5)) * 10.0 ** rng.uniform(-8, 0, (200, 1))
     b = rng.normal(size=200) * 10.0 ** rng.uniform(-6, 0, 200)
     best, least = np.maximum(A * lower, A * upper).sum(axis=1), np.minimum(A * lower, A * upper).sum(axis=1)
     expected = (best - least <= 1e-4 * (upper - lower).max()) & (best - least <= 1e-3 * (b - best))
-    np.testing.assert_array_equal(next_to_immovable(A, b, lower, upper, 1e-4, 1e-3), np.flatnonzero(expected))
+    np.testing.assert_array_equal(near_zero_rows(A, b, lower, upper, 1e-4, 1e-3), np.flatnonzero(expected))
     assert 10 < expected.sum() < 150
 
 
-def least_violation(A: Array, b: Array, bound: float) -> float:
+def least_violation_by_lp(A: Array, b: Array, bound: float) -> float:
     """Smallest largest violation of A v >= b over |v| <= bound, below 0 where all can hold with room to spare."""
     n, nv = A.shape
     cost, rows = np.append(np.zeros(nv), 1.0), np.hstack([-A, -np.ones((n, 1))])
     return float(linprog(cost, rows, -b, bounds=[(-bound, bound)] * nv + [(None, None)]).fun)
 
 
-def test_the_least_shortfall_is_never_above_what_linear_programming_finds() -> None:
+def test_the_least_violation_is_never_above_what_linear_programming_finds() -> None:
     rng = np.random.default_rng(4)
     proofs = 0
     for _ in range(100):
         A, b, v = rng.normal(size=(12, 4)), rng.normal(size=12), rng.uniform(-1, 1, 4)
         b -= rng.uniform(-0.5, 1.5)
-        bound = least_shortfall(A, b, np.full(4, -1.0), np.full(4, 1.0), b - A @ v)
-        assert bound <= max(0.0, least_violation(A, b, 1.0)) + 1e-12
+        bound = least_violation(A, b, np.full(4, -1.0), np.full(4, 1.0), b - A @ v)
+        assert bound <= max(0.0, least_violation_by_lp(A, b, 1.0)) + 1e-12
         proofs += bound > 0
-    assert least_shortfall(A, A @ v - 1.0, -np.ones(4), np.ones(4), -np.ones(12)) == 0.0
+    assert least_violation(A, A @ v - 1.0, -np.ones(4), np.ones(4), -np.ones(12)) == 0.0
     # two rows that ask for opposite motion: each velocity is short of one by at least the mean demand
     A, b = np.array([[1.0], [-1.0]]), np.array([0.3, 0.2])
-    assert least_shortfall(A, b, -np.ones(1), np.ones(1), np.array([0.25, 0.25])) == pytest.approx(0.25, abs=1e-15)
+    assert least_violation(A, b, -np.ones(1), np.ones(1), np.array([0.25, 0.25])) == pytest.approx(0.25, abs=1e-15)
 
 
 def _capsule(rng: np.random.Generator, radius: float) -> Obstacle:

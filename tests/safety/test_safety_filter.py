@@ -1,4 +1,4 @@
-"""What the filter promises: nothing changed without need, conditions and bounds kept, never a nominal in doubt."""
+"""What the filter guarantees: nothing changed without need, conditions and bounds kept, never a nominal in doubt."""
 
 from dataclasses import replace
 

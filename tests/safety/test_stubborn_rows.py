@@ -49,7 +49,7 @@ def test_a_row_that_next_to_nothing_moves_is_relaxed_and_leaves_the_others_alone
         result = kept.apply(rows_demanding(A, b, ETA), v_des)
         assert result.status == FilterStatus.RELAXED
         assert 0 in result.relaxed
-        assert result.shortfall[0] == pytest.approx(b[0], abs=V_MAX * np.abs(A[0]).sum() + 1e-12)
+        assert result.violation[0] == pytest.approx(b[0], abs=V_MAX * np.abs(A[0]).sum() + 1e-12)
         others = without.apply(rows_demanding(A[1:], b[1:], ETA), v_des)
         np.testing.assert_allclose(result.v, others.v, rtol=0, atol=1e-7)
         chosen = list(result.conflict())
@@ -89,16 +89,18 @@ def test_rows_given_up_cost_at_most_a_thousandth_of_the_least_slack(name: str) -
 
 
 @pytest.mark.parametrize("name", HARD)
-@pytest.mark.parametrize("share", [0.99, 1.01])
+@pytest.mark.parametrize("fraction", [0.99, 1.01])
 @pytest.mark.parametrize("limit", ["lever", "ease"])
-def test_the_bound_on_what_a_row_given_up_costs_is_reached_and_not_passed(name: str, share: float, limit: str) -> None:
+def test_the_bound_on_what_a_row_given_up_costs_is_reached_and_not_passed(
+    name: str, fraction: float, limit: str
+) -> None:
     """One row just below and just above either limit, and a nominal velocity that goes the wrong way."""
     lever, ease = 1e-4 * 2 * V_MAX, 1e-3
-    span = lever * (share if limit == "lever" else 0.5)
-    short = span / ease / (share if limit == "ease" else 0.5)
+    span = lever * (fraction if limit == "lever" else 0.5)
+    short = span / ease / (fraction if limit == "ease" else 0.5)
     A, b = np.array([[span / (2 * V_MAX), 0.0], [0.0, 1.0]]), np.array([short + 0.5 * span, -1.0])
     result = make(name, 2, 2).apply(rows_demanding(A, b, ETA), np.array([-5.0, 0.0]))
-    if share < 1:
+    if fraction < 1:
         # nearest to the nominal velocity: it costs all of the row's span
         np.testing.assert_allclose(result.v, [-V_MAX, 0.0], rtol=0, atol=1e-9)
         assert result.slack == pytest.approx(short + span, rel=1e-12)

@@ -201,8 +201,8 @@ def test_missing_measurements_and_outliers_come_as_often_as_asked_for() -> None:
     values = measured(sensor(dropout=0.2, outlier=0.1, outlier_size=0.5), count)
     seen = np.array([v for v in values if v is not None])
     far = np.linalg.norm(seen - PLACE, axis=1) > 0.25
-    for found, trials, share in ((count - len(seen), count, 0.2), (far.sum(), len(seen), 0.1)):
-        low, high = binom.ppf([0.005, 0.995], trials, share)
+    for found, trials, fraction in ((count - len(seen), count, 0.2), (far.sum(), len(seen), 0.1)):
+        low, high = binom.ppf([0.005, 0.995], trials, fraction)
         assert low <= found <= high
     # half a metre in all directions, on top of the noise
     offsets = seen[far] - PLACE

@@ -57,8 +57,8 @@ def normalised_cone(contact: SoleContact) -> Array:
 def random_corner_forces(rng: np.random.Generator, friction: float) -> Array:
     """Forces (12,) in the pyramids, of which some lie on faces, edges, or are zero."""
     vertical = rng.exponential(100.0, 4) * (rng.random(4) < 0.7)
-    share = np.clip(rng.uniform(-1.6, 1.6, (4, 2)), -1.0, 1.0)
-    return np.column_stack([friction * share * vertical[:, None], vertical]).ravel()
+    fraction = np.clip(rng.uniform(-1.6, 1.6, (4, 2)), -1.0, 1.0)
+    return np.column_stack([friction * fraction * vertical[:, None], vertical]).ravel()
 
 
 def random_wrench(rng: np.random.Generator, contact: SoleContact) -> Array:

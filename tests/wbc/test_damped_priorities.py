@@ -1,4 +1,4 @@
-"""The continuous form of prioritised inverse kinematics: against its formulas, eq. (13), and what it promises."""
+"""The continuous form of prioritised inverse kinematics: against its formulas, eq. (13), and what it guarantees."""
 
 import itertools
 from collections.abc import Sequence
@@ -29,10 +29,10 @@ def plain(levels: Sequence[Level], nv: int, thresholds: Sequence[float], posture
     velocity, freedom, penalty = np.zeros(nv), np.eye(nv), RIDGE * np.eye(nv)
     for (jacobian, command), threshold in zip(levels, thresholds, strict=True):
         u, sigma, vt = np.linalg.svd(jacobian @ freedom, full_matrices=False)
-        inverse, share = sigma / np.maximum(sigma, threshold) ** 2, np.minimum(1.0, (sigma / threshold) ** 2)
+        inverse, fraction = sigma / np.maximum(sigma, threshold) ** 2, np.minimum(1.0, (sigma / threshold) ** 2)
         velocity = velocity + freedom @ (vt.T @ (inverse * (u.T @ (command - jacobian @ velocity))))
-        freedom = freedom @ (np.eye(nv) - vt.T @ np.diag(share) @ vt)
-        penalty += sum(s**2 * np.outer(v, v) for s, v in zip(share, vt, strict=True))
+        freedom = freedom @ (np.eye(nv) - vt.T @ np.diag(fraction) @ vt)
+        penalty += sum(s**2 * np.outer(v, v) for s, v in zip(fraction, vt, strict=True))
     if posture is not None:
         chosen = np.eye(nv)[nv - posture.size :]
         moved = chosen @ freedom
@@ -145,11 +145,11 @@ def test_velocities_are_bounded_by_residuals_over_the_thresholds(seed: int, shap
 
 @given(seeds, st.floats(0.0, 1.0), st.floats(0.02, 0.3))
 def test_levels_below_disturb_a_damped_direction_by_no_more_than_is_stated(
-    seed: int, share: float, threshold: float
+    seed: int, fraction: float, threshold: float
 ) -> None:
     """By sigma (1 - s) times their step, at most 2 / (3 sqrt 3) of the threshold; other directions not at all."""
     rng = np.random.default_rng(seed)
-    sigma = share * threshold
+    sigma = fraction * threshold
     high = level(rng, [1.0, 0.5, sigma])
     low = (rng.normal(size=(4, NV)), 10.0 * rng.normal(size=4))
     alone = damped_velocity([high], NV, [threshold])
@@ -157,7 +157,7 @@ def test_levels_below_disturb_a_damped_direction_by_no_more_than_is_stated(
     u, _, vt = np.linalg.svd(high[0], full_matrices=False)
     change = u.T @ (high[0] @ (both - alone))
     np.testing.assert_allclose(change[:2], 0.0, rtol=0, atol=EXACT * np.linalg.norm(both))
-    left = 1.0 - share**2
+    left = 1.0 - fraction**2
     # the step in the coordinates of Z is longer along the damped direction by 1 / (1 - s)
     if left > 1e-3:
         step = both - alone

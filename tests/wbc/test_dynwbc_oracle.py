@@ -70,7 +70,9 @@ def random_case(kin: Kinematics, rng: np.random.Generator, support: str, weights
     kin.update(q, rng.normal(size=kin.nv))
     # no foot like the other: which is which has to matter
     parts = zip(kin.robot.soles, (0.9, 0.7), (0.6, 0.5), strict=True)
-    contacts = [SoleContact(s.frame, share * s.half_length, share * s.half_width, mu) for s, share, mu in parts]
+    contacts = [
+        SoleContact(s.frame, fraction * s.half_length, fraction * s.half_width, mu) for s, fraction, mu in parts
+    ]
     weight = kin.robot.total_mass * 9.81
     scale = push * weight * np.array([0.3, 0.3, 0.5, 0.03, 0.05, 0.03])
     wrench = np.tile([0.0, 0.0, 0.5 * weight, 0.0, 0.0, 0.0], 2) + np.tile(scale, 2) * rng.normal(size=12)

@@ -1,4 +1,4 @@
-"""KinWBC against eq. (13) of Lee et al. written plainly, and the properties that its name promises."""
+"""KinWBC against eq. (13) of Lee et al. written plainly, and the properties that its name guarantees."""
 
 from collections.abc import Sequence
 

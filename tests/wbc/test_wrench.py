@@ -24,7 +24,7 @@ def distribute(mass: float, com: Array, acceleration: Array, soles: Soles, load:
     return distribute_wrench(mass, com, acceleration, placements, load, half_sizes)
 
 
-def share(zmp: Array, centres: Array, in_contact: Array, load_limits: Array = NO_LIMITS) -> Array:
+def fraction(zmp: Array, centres: Array, in_contact: Array, load_limits: Array = NO_LIMITS) -> Array:
     return load_from_zmp(zmp, np.ascontiguousarray(centres), in_contact, load_limits)
 
 
@@ -79,8 +79,8 @@ def test_each_foot_carries_its_share_of_the_force_clipped_or_not(seed: int, left
     load, half = np.array([left, 1.0 - left]), rng.uniform(0.02, 0.15, (2, 2))
     wrenches = distribute(50.0, com, acceleration, soles, load, half).reshape(2, 6)
     force = 50.0 * (acceleration + np.array([0.0, 0.0, GRAVITY]))
-    for share, part, (rotation, _) in zip(load, wrenches, soles, strict=True):
-        np.testing.assert_allclose(rotation @ part[:3], share * force, rtol=0, atol=1e-10)
+    for fraction, part, (rotation, _) in zip(load, wrenches, soles, strict=True):
+        np.testing.assert_allclose(rotation @ part[:3], fraction * force, rtol=0, atol=1e-10)
 
 
 @given(seeds, st.floats(0.01, 0.99))
@@ -189,7 +189,7 @@ def standing(robot: RobotDescription) -> tuple[Kinematics, Soles]:
 def test_standing_still_each_foot_carries_half_the_weight(robot: RobotDescription) -> None:
     kin, soles = standing(robot)
     zmp, centres = kin.com[:2], np.array([position[:2] for _, position in soles])
-    load = share(zmp, centres, np.array([True, True]))
+    load = fraction(zmp, centres, np.array([True, True]))
     half = np.array([[sole.half_length, sole.half_width] for sole in robot.soles])
     wrenches = distribute(robot.total_mass, kin.com, np.zeros(3), soles, load, half).reshape(2, 6)
     weight = robot.total_mass * GRAVITY
@@ -213,7 +213,7 @@ BOTH = np.array([True, True])
 def test_load_is_the_place_of_the_zmp_between_the_feet(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    load = share(zmp, centres, BOTH)
+    load = fraction(zmp, centres, BOTH)
     assert load.shape == (2,)
     assert (load >= 0).all()
     assert load.sum() == pytest.approx(1.0, abs=1e-15)
@@ -230,24 +230,24 @@ def test_load_does_not_depend_on_the_offset_across_the_line(seed: int, left: flo
     centres = np.random.default_rng(seed).normal(size=(2, 2))
     line = centres[0] - centres[1]
     zmp = left * centres[0] + (1 - left) * centres[1] + across * np.array([-line[1], line[0]])
-    np.testing.assert_allclose(share(zmp, centres, BOTH), [left, 1 - left], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(fraction(zmp, centres, BOTH), [left, 1 - left], rtol=0, atol=1e-9)
 
 
 @given(seeds)
 def test_exchanging_the_feet_exchanges_the_loads(seed: int) -> None:
     rng = np.random.default_rng(seed)
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    swapped = share(zmp, centres[::-1], BOTH)
-    np.testing.assert_allclose(share(zmp, centres, BOTH), swapped[::-1], rtol=0, atol=1e-12)
+    swapped = fraction(zmp, centres[::-1], BOTH)
+    np.testing.assert_allclose(fraction(zmp, centres, BOTH), swapped[::-1], rtol=0, atol=1e-12)
 
 
 def test_load_ends_at_the_feet_and_stays_there() -> None:
     centres = np.array([[0.1, 0.12], [-0.05, -0.12]])
     line = centres[0] - centres[1]
     for beyond in (0.0, 0.3, 5.0):
-        np.testing.assert_allclose(share(centres[0] + beyond * line, centres, BOTH), [1.0, 0.0], atol=1e-15)
-        np.testing.assert_allclose(share(centres[1] - beyond * line, centres, BOTH), [0.0, 1.0], atol=1e-15)
-    np.testing.assert_allclose(share(centres.mean(axis=0), centres, BOTH), [0.5, 0.5], atol=1e-15)
+        np.testing.assert_allclose(fraction(centres[0] + beyond * line, centres, BOTH), [1.0, 0.0], atol=1e-15)
+        np.testing.assert_allclose(fraction(centres[1] - beyond * line, centres, BOTH), [0.0, 1.0], atol=1e-15)
+    np.testing.assert_allclose(fraction(centres.mean(axis=0), centres, BOTH), [0.5, 0.5], atol=1e-15)
 
 
 @given(seeds, st.floats(0.0, 1.0), st.floats(0.0, 1.0))
@@ -257,20 +257,20 @@ def test_no_foot_is_loaded_above_its_limit_and_the_load_is_the_nearest_that_is_a
     rng = np.random.default_rng(seed)
     limits = np.array([one, max(other, 1.0 - one)])
     centres, zmp = rng.normal(size=(2, 2)), rng.normal(size=2)
-    load = share(zmp, centres, BOTH, limits)
+    load = fraction(zmp, centres, BOTH, limits)
     assert load.sum() == pytest.approx(1.0, abs=1e-15)
     assert (load >= 0).all()
     assert (load <= limits + 1e-12).all()
-    free = share(zmp, centres, BOTH)[0]
+    free = fraction(zmp, centres, BOTH)[0]
     np.testing.assert_allclose(load[0], np.clip(free, 1.0 - limits[1], limits[0]), rtol=0, atol=1e-12)
-    np.testing.assert_array_equal(share(zmp, centres, np.array([True, False]), limits), [1.0, 0.0])
+    np.testing.assert_array_equal(fraction(zmp, centres, np.array([True, False]), limits), [1.0, 0.0])
 
 
 def test_feet_in_one_place_share_equally() -> None:
-    np.testing.assert_array_equal(share(np.ones(2), np.zeros((2, 2)), BOTH), [0.5, 0.5])
+    np.testing.assert_array_equal(fraction(np.ones(2), np.zeros((2, 2)), BOTH), [0.5, 0.5])
 
 
 @pytest.mark.parametrize("contact", [(True, False), (False, True), (False, False)])
 def test_only_feet_on_the_ground_are_loaded(contact: tuple[bool, bool]) -> None:
     centres = np.array([[0.0, 0.1], [0.0, -0.1]])
-    np.testing.assert_array_equal(share(np.array([0.0, 0.3]), centres, np.array(contact)), contact)
+    np.testing.assert_array_equal(fraction(np.array([0.0, 0.3]), centres, np.array(contact)), contact)

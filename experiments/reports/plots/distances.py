@@ -1,4 +1,4 @@
-"""Plots of distances over time, and of what was promised of them; each returns a PNG, or ``None`` without data."""
+"""Plots of distances over time, and of what was guaranteed of them; each returns a PNG, or ``None`` without data."""
 
 from collections.abc import Sequence
 
@@ -59,9 +59,9 @@ def barrier_plot(results: Sequence[Recording]) -> Figure | None:
 
 @as_png
 def guarantee_plot(results: Sequence[Recording]) -> Figure | None:
-    """Smallest self-collision barrier, legs apart, with the bounds that the condition promises [mm]; |d| below.
+    """Smallest self-collision barrier, legs apart, with the bounds that the condition guarantees [mm]; |d| below.
 
-    ``None`` where no run has a condition that promises one.
+    ``None`` where no run has a condition that guarantees one.
     """
     column = GUARANTEED.index("self_collision")
     shown = [r for r in results if "h_bound" in r.series and np.isfinite(r.series["h_bound"][:, column]).any()]

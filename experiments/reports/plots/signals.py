@@ -55,7 +55,7 @@ def hand_plot(results: Sequence[Recording]) -> Figure | None:
 
 @as_png
 def torque_plot(results: Sequence[Recording]) -> Figure | None:
-    """Torque as a share of the motor's limit: the largest of each limb over time, and each joint's largest."""
+    """Torque as a fraction of the motor's limit: the largest of each limb over time, and each joint's largest."""
     shown = with_ticks(results)
     if not shown:
         return None
@@ -66,14 +66,14 @@ def torque_plot(results: Sequence[Recording]) -> Figure | None:
     axes = [figure.add_subplot(grid[0, k]) for k in range(len(groups))]
     for axis, (name, joints) in zip(axes, groups.items(), strict=True):
         for result, colour in coloured(shown):
-            axis.plot(result.series["time"], _torque_share(result)[:, joints].max(axis=1), color=colour)
+            axis.plot(result.series["time"], _torque_fraction(result)[:, joints].max(axis=1), color=colour)
         _share_axis(axis, name)
         axis.set_xlabel("time [s]")
     bars = figure.add_subplot(grid[1, :])
     width = 0.8 / len(shown)
     for k, (result, colour) in enumerate(coloured(shown)):
         place = np.arange(len(robot.joints)) + (k - 0.5 * (len(shown) - 1)) * width
-        bars.bar(place, np.max(_torque_share(result), axis=0), width, color=colour, edgecolor="white", lw=0.3)
+        bars.bar(place, np.max(_torque_fraction(result), axis=0), width, color=colour, edgecolor="white", lw=0.3)
     bars.set_xlim(-0.7, len(robot.joints) - 0.3)
     names = [name.removesuffix("_joint").replace("_", " ") for name in robot.joint_names]
     bars.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
@@ -176,9 +176,9 @@ def joint_groups(robot: RobotDescription) -> dict[str, list[int]]:
     return {name: sorted(joints) for name, joints in groups.items() if joints}
 
 
-def _torque_share(result: Recording) -> Array:
-    share: Array = np.abs(result.series["torque"]) / result.robot.joint_array("effort")
-    return share
+def _torque_fraction(result: Recording) -> Array:
+    fraction: Array = np.abs(result.series["torque"]) / result.robot.joint_array("effort")
+    return fraction
 
 
 def _share_axis(axis: Axes, title: str) -> None:

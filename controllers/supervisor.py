@@ -51,6 +51,7 @@ class Supervisor:
         controller: the controller that is watched.
         cause: why the robot was stopped; ``None`` while it runs.
         stopped_at: stamp of the state at which it was stopped [s].
+        last: command that was handed on last; before the first one, a brake.
     """
 
     def __init__(self, controller: WholeBodyController) -> None:
@@ -65,7 +66,7 @@ class Supervisor:
         zero = np.zeros(len(robot.joints))
         kd = controller.config.gain_scale * robot.joint_array("kd")
         # without any command yet there is nothing to hold: brake
-        self._last = MotorCommand(zero, zero, zero, zero, kd, 0.0)
+        self.last = MotorCommand(zero, zero, zero, zero, kd, 0.0)
 
     @property
     def fading(self) -> bool:
@@ -115,7 +116,7 @@ class Supervisor:
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._fade("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
-        self._last = result.command
+        self.last = result.command
         self._count_failures(result, state.stamp)
         return result.command, result
 
@@ -136,7 +137,7 @@ class Supervisor:
         t = self._fading_ticks * self.controller.config.dt
         self._fading_ticks += 1
         fraction = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
-        last = self._last
+        last = self.last
         return MotorCommand(last.q, np.zeros_like(last.v), fraction * last.tau, fraction * last.kp, last.kd, stamp)
 
     def _describe_age(self, stamp: float) -> str | None:

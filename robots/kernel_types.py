@@ -54,20 +54,21 @@ OWN_FOLDER = Path(__file__).resolve().parent / "__pycache__"
 """Where caches are that no other installation uses."""
 
 
-def _cache_folder() -> Path:
+def cache_folder() -> Path:
     """The first that can be written: what NUMBA_CACHE_DIR names, ``OWN_FOLDER``, a folder of the user."""
     user = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "safewbc"
     chosen = [Path(_CONFIG.CACHE_DIR)] if _CONFIG.CACHE_DIR else [OWN_FOLDER, user]
-    parent = next((folder for folder in chosen if _can_be_written(folder)), chosen[0])
+    parent = next((folder for folder in chosen if can_be_written(folder)), chosen[0])
     return parent / f"{CACHE_PREFIX}{sources_digest(OWN_FOLDER.parents[1])}"
 
 
-def _can_be_written(folder: Path) -> bool:
+def can_be_written(folder: Path) -> bool:
+    """Whether a file can be made in a folder that may not be there yet."""
     there = next(path for path in (folder, *folder.parents) if path.exists())
     return there.is_dir() and os.access(there, os.W_OK | os.X_OK)
 
 
-CACHE_FOLDER = _cache_folder()
+CACHE_FOLDER = cache_folder()
 """Where compiled kernels are kept."""
 
 

@@ -102,6 +102,8 @@ class MujocoPlant:
 
     Attributes:
         unstable: whether the simulation blew up; it then stays at its last finite state.
+        sole_poses: shape (2, 4, 3) rotation of each sole and, in the last row, its centre [m], while the contact forces
+            of the last physics step acted.
 
     Raises:
         ConfigError: ``link_mass_scale`` names a body that does not exist, or there is noise without a source.
@@ -142,7 +144,7 @@ class MujocoPlant:
         self._torso = self.data.body(robot.frame(robot.roles["torso"]).body).id
         self.torque = np.zeros(len(robot.joints))
         self._loads, self._wrenches, self._zmp = np.zeros((2, 6)), np.zeros((2, 6)), np.full(2, np.nan)
-        self._sole_poses = np.zeros((2, 4, 3))
+        self.sole_poses = np.zeros((2, 4, 3))
         self.unstable = False
         self.total_mass = float(self.model.body_mass.sum())
         self.reset(standing_configuration(robot))
@@ -243,9 +245,9 @@ class MujocoPlant:
         """Read the contact forces, and remember where the soles are while they act."""
         data, contact = self.data, self.data.contact
         contacts = (contact.efc_address, contact.frame, contact.pos, contact.geom)
-        self._sole_poses[:, :3] = data.site_xmat[self._sole_sites].reshape(2, 3, 3)
-        self._sole_poses[:, 3] = data.site_xpos[self._sole_sites]
-        soles, out = (self._sole_geoms, self._sole_poses), (self._loads, self._wrenches, self._zmp)
+        self.sole_poses[:, :3] = data.site_xmat[self._sole_sites].reshape(2, 3, 3)
+        self.sole_poses[:, 3] = data.site_xpos[self._sole_sites]
+        soles, out = (self._sole_geoms, self.sole_poses), (self._loads, self._wrenches, self._zmp)
         ground_loads(*contacts, data.efc_force, *soles, *out)
 
     def contact_wrenches(self) -> Array:

@@ -61,6 +61,7 @@ class DynWbcResult:
         iterations: of the solver.
         relaxed: whether the conditions on the acceleration could not all hold, so that they were violated by the least
             sum of squares.
+        spent: whether a budget was spent before that sum was proved to be the least; it is that of the best found.
     """
 
     torque: Array
@@ -69,6 +70,7 @@ class DynWbcResult:
     status: QpStatus
     iterations: int
     relaxed: bool = False
+    spent: bool = False
 
 
 class DynWbc:
@@ -269,7 +271,8 @@ class DynWbc:
         acceleration, torque, wrench = np.empty(self.nj + 6), np.empty(self.nj), np.zeros(self.nf)
         motion_and_torques(problem.base, problem.torque, x, acceleration, torque)
         wrench[qp.wrenches] = x[self.nj :]
-        self._last = DynWbcResult(torque, acceleration, wrench, "optimal", solution.iterations, relaxed)
+        found = solution.iterations, relaxed, solution.spent
+        self._last = DynWbcResult(torque, acceleration, wrench, "optimal", *found)
         return self._last
 
 

@@ -186,7 +186,7 @@ def play(courses: Sequence[Course], ticks: int) -> Figures:
     Raises:
         RuntimeError: the courses are not the same sequence, made anew for each play.
     """
-    (log, memory, blocks, collections), *others = [_play_once(course, ticks) for course in courses]
+    (log, memory, blocks, collections), *others = [play_once(course, ticks) for course in courses]
     if any(not np.array_equal(other.status, log.status) for other, *_ in others):
         raise RuntimeError(f"{courses[0].adversary.scene.name}: a second play went another way than the first")
     return Figures(
@@ -208,7 +208,7 @@ def play(courses: Sequence[Course], ticks: int) -> Figures:
     )
 
 
-def _play_once(course: Course, ticks: int) -> tuple[Log, float, int, int]:
+def play_once(course: Course, ticks: int) -> tuple[Log, float, int, int]:
     """What is kept of the ticks; growth of memory [MB] and of blocks in use, and collections within ticks."""
     with Collections() as collections:
         _run(course, Log(WARM_UP), collections)

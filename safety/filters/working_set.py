@@ -79,7 +79,7 @@ class WorkingSetQp:
         self._nv = nv
         self._active = ActiveSet(nv, n_rows, budget=rounds)
         self._lower, self._upper = np.zeros(nv + n_rows), np.full(nv + n_rows, UNBOUNDED)
-        self._second = _SecondSolver(nv)
+        self._second = SecondSolver(nv)
 
     def solve(self, problem: Problem, b: Array) -> Optimum:
         """Solve one problem.
@@ -118,7 +118,7 @@ class WorkingSetQp:
         return Optimum(None, self.working(), True)
 
 
-class _SecondSolver:
+class SecondSolver:
     """DAQP with its buffers, for up to ``CAPACITY`` rows."""
 
     def __init__(self, nv: int) -> None:

@@ -230,7 +230,7 @@ def test_missing_hands_stop_the_robot(robot: RobotDescription) -> None:
 def test_an_error_of_a_tick_stops_the_robot(error: Exception, first: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     g1 = load_robot("g1")
     supervisor, reference = supervised(g1)
-    sound = supervisor._last if first else supervisor.tick(at_rest(g1), reference)[0]
+    sound = supervisor.last if first else supervisor.tick(at_rest(g1), reference)[0]
 
     def broken(*_: object) -> TickResult:
         raise error
@@ -292,18 +292,18 @@ class Scripted:
     def __init__(self, supervisor: Supervisor, sound: TickResult, failing: Iterable[bool], part: str) -> None:
         self.robot = supervisor.controller.robot
         self.config = supervisor.controller.config
-        self._sound, self._failing, self._part = sound, iter(failing), part
+        self.sound, self._failing, self._part = sound, iter(failing), part
 
     def update(self, _: RobotState) -> None:
         pass
 
     def respond(self, *_: Any) -> TickResult:
         if not next(self._failing):
-            return self._sound
+            return self.sound
         if self._part == "safety":
-            failed = replace(self._sound.safety, status=FilterStatus.FAILED, cause="rows are odd")
-            return replace(self._sound, safety=failed)
-        return replace(self._sound, dynwbc=replace(self._sound.dynwbc, status=self._part))
+            failed = replace(self.sound.safety, status=FilterStatus.FAILED, cause="rows are odd")
+            return replace(self.sound, safety=failed)
+        return replace(self.sound, dynwbc=replace(self.sound.dynwbc, status=self._part))
 
 
 def scripted(failing: Iterable[bool], part: str) -> tuple[Supervisor, RobotState, WholeBodyReference]:
@@ -369,9 +369,9 @@ def test_a_stamp_that_goes_back_stops_the_robot(robot: RobotDescription, stamp: 
 
 def test_a_command_that_is_not_finite_is_never_sent() -> None:
     supervisor, state, reference = scripted([False], "failed")
-    sound = supervisor.controller._sound  # type: ignore[attr-defined]
+    sound = supervisor.controller.sound  # type: ignore[attr-defined]
     broken = replace(sound.command, tau=sound.command.tau * np.nan)
-    supervisor.controller._sound = replace(sound, command=broken)  # type: ignore[attr-defined]
+    supervisor.controller.sound = replace(sound, command=broken)  # type: ignore[attr-defined]
     command, _ = supervisor.tick(state, reference)
     assert finite(command)
     assert supervisor.cause == "the controller's command is not finite"

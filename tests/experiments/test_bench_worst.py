@@ -261,7 +261,7 @@ def test_of_each_tick_the_shorter_one_of_its_plays_is_its_own(
     scene = BY_NAME["boxes jump"]
     courses = [Course(g1, UNFILTERED, scene) for _ in range(2)]
     with monkeypatch.context() as patched:
-        patched.setattr(bench_worst_module, "_play_once", played_in)
+        patched.setattr(bench_worst_module, "play_once", played_in)
         figures = play(courses, 3)
     assert (figures.cpu.max_ms, figures.cpu.median_ms, figures.cpu.late) == (5.0, 3.0, 2)
     assert (figures.own.max_ms, figures.own.median_ms, figures.own.late) == (4.0, 3.0, 2)

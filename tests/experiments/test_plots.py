@@ -30,11 +30,11 @@ def test_the_pairs_shown_are_of_hand_and_torso_where_hands_move() -> None:
     hand = pairs.index(("right_hand", "torso_high"))
     h = result.series["h_self_collision"].copy()
     h[:, feet], h[:, hand] = 0.01, 0.02
-    shown = distances._closest_pairs([with_series(result, h_self_collision=h)])
+    shown = distances.closest_pairs([with_series(result, h_self_collision=h)])
     assert shown[0] == hand
     assert all("hand" in a and b in {"torso_low", "torso_high", "head"} for a, b in (pairs[k] for k in shown))
     without = with_series(made_run(hands=False), h_self_collision=h)
-    assert distances._closest_pairs([without])[:2] == [feet, hand]
+    assert distances.closest_pairs([without])[:2] == [feet, hand]
 
 
 def test_every_run_has_its_own_colour() -> None:

@@ -80,8 +80,8 @@ def test_what_others_compile_is_kept_where_it_always_was() -> None:
 def test_the_cache_is_where_it_can_be_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     file = tmp_path / "file"
     file.write_text("")
-    assert kernel_types._can_be_written(tmp_path / "new" / "and" / "newer")
-    assert not kernel_types._can_be_written(file / "below")
+    assert kernel_types.can_be_written(tmp_path / "new" / "and" / "newer")
+    assert not kernel_types.can_be_written(file / "below")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     own = kernel_types.OWN_FOLDER
     for given, writable, expected in (
@@ -92,5 +92,5 @@ def test_the_cache_is_where_it_can_be_written(tmp_path: Path, monkeypatch: pytes
         ("/named", (own,), Path("/named")),
     ):
         monkeypatch.setattr(numba.config, "CACHE_DIR", given)
-        monkeypatch.setattr(kernel_types, "_can_be_written", lambda folder, writable=writable: folder in writable)
-        assert kernel_types._cache_folder().parent == expected
+        monkeypatch.setattr(kernel_types, "can_be_written", lambda folder, writable=writable: folder in writable)
+        assert kernel_types.cache_folder().parent == expected

@@ -7,6 +7,7 @@ from robots.messages import Array
 from safety.filters import second_phase, working_set
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.safety_filter import BUDGET_SPENT, RELAXED, FilterStatus, SafetyFilter, explain
+from tests.support.budgets import limit
 from tests.support.rows import rows_demanding
 from wbc import active_set, least_slack
 
@@ -33,13 +34,7 @@ def budgets(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> 
     rounds, steps = request.param
     for search in (working_set.WorkingSetQp, second_phase.SecondPhase, least_slack.LeastSlack):
         budget = {"steps": steps, "rounds": 1000} if search is least_slack.LeastSlack else {"rounds": rounds}
-
-        def limited(
-            self: object, *args: int, _make: object = search.__init__, _budget: dict[str, int] = budget
-        ) -> None:
-            _make(self, *args, **_budget)
-
-        monkeypatch.setattr(search, "__init__", limited)
+        limit(monkeypatch, search, **budget)
     return rounds, steps
 
 
@@ -78,10 +73,9 @@ def test_more_steps_never_cost_slack(name: str, monkeypatch: pytest.MonkeyPatch)
         A, b, v_des = problem(rng, True)
         slack = []
         for steps in range(least_slack.DIRECT):
-            kept = make(name)
-            kept.prepare(rows_demanding(A, b, ETA).family)
-            kept._resolution._soft._search._steps = steps  # type: ignore[attr-defined]
-            result = kept.apply(rows_demanding(A, b, ETA), v_des)
+            with monkeypatch.context() as patched:
+                limit(patched, least_slack.LeastSlack, steps=steps)
+                result = make(name).apply(rows_demanding(A, b, ETA), v_des)
             slack.append(float(np.sum(np.maximum(0.0, b - A @ result.v) ** 2)))
         assert (np.diff(slack) <= 1e-6).all()
         assert slack[-1] < slack[0]
@@ -126,13 +120,13 @@ def test_where_rounding_leaves_no_proof_daqp_is_asked(
 def test_daqp_is_asked_for_few_rows_only(monkeypatch: pytest.MonkeyPatch) -> None:
     rng = np.random.default_rng(4)
     asked: list[int] = []
-    solve = working_set._SecondSolver.solve
+    solve = working_set.SecondSolver.solve
 
     def counted(self: object, given: object, A: Array, b: Array) -> Array | None:
         asked.append(b.size)
         return solve(self, given, A, b)
 
-    monkeypatch.setattr(working_set._SecondSolver, "solve", counted)
+    monkeypatch.setattr(working_set.SecondSolver, "solve", counted)
     monkeypatch.setattr(active_set.ActiveSet, "solve", lambda *_: (active_set.UNKNOWN, np.zeros(NV)))
     monkeypatch.setattr(working_set, "CAPACITY", 25)
     for _ in range(20):

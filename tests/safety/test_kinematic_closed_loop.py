@@ -58,7 +58,8 @@ class Loop:
         self.kin.update_geometry(self.q)
         hand = self.kin.frame_placement(self.kin.frame_id(self.kin.robot.roles["right_hand"]))[1]
         offset = np.array([0.45, 0.0, 0.0]) if self.family == "obstacle" else np.array([50.0, 0.0, 0.0])
-        self.obstacles.set_obstacles([Obstacle.sphere(hand + offset, 0.05)])
+        self.place = hand + offset
+        self.obstacles.set_obstacles([Obstacle.sphere(self.place, 0.05)])
 
     def _closest_row(self) -> int:
         cut = self.barriers.slices[self.family]
@@ -172,7 +173,7 @@ def test_the_worst_disturbance_costs_what_the_theory_says_and_cbf_has_no_bound_o
 def test_a_moving_obstacle_is_evaded(robot: RobotDescription, name: str) -> None:
     """The obstacle comes at the hand; the robot wants to stand still. Without dh_dt the row would be violated."""
     loop = Loop(robot, "obstacle", name)
-    velocity, place = np.array([-0.5, 0.0, 0.0]), loop.obstacles._position[0].copy()
+    velocity, place = np.array([-0.5, 0.0, 0.0]), loop.place.copy()
     q, still, lowest = loop.q, np.zeros(loop.kin.nv), []
     for i in range(500):
         loop.obstacles.set_obstacles([Obstacle.sphere(place + i * DT * velocity, 0.05, velocity)])

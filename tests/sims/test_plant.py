@@ -307,8 +307,7 @@ def test_at_rest_the_ground_carries_the_whole_weight(standing: MujocoPlant) -> N
     weight = GRAVITY * standing.total_mass
     assert np.abs(standing.true_state().v).max() < 1e-4
     forces = [
-        standing.data.site_xmat[site].reshape(3, 3) @ wrench[:3]
-        for site, wrench in zip(standing._sole_sites, standing.contact_wrenches(), strict=True)
+        pose[:3] @ wrench[:3] for pose, wrench in zip(standing.sole_poses, standing.contact_wrenches(), strict=True)
     ]
     np.testing.assert_allclose(sum(forces), [0, 0, weight], atol=1e-4 * weight)
     assert min(f[2] for f in forces) > 0.2 * weight
@@ -392,7 +391,7 @@ def momentum(plant: MujocoPlant) -> tuple[Array, Array]:
 def net_load(plant: MujocoPlant) -> tuple[Array, Array]:
     """World force and moment about the world's origin from the wrenches in sole axes."""
     force, moment = np.zeros(3), np.zeros(3)
-    for pose, wrench in zip(plant._sole_poses, plant.contact_wrenches(), strict=True):
+    for pose, wrench in zip(plant.sole_poses, plant.contact_wrenches(), strict=True):
         rotation, position = pose[:3], pose[3]
         f = rotation @ wrench[:3]
         force += f

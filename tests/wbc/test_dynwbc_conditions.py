@@ -7,6 +7,7 @@ from robots.kinematics import Kinematics
 from robots.loader import load_robot
 from robots.messages import Array
 from robots.pinocchio_model import standing_configuration
+from tests.support.budgets import limit
 from wbc.contact import SoleContact, wrench_cone
 from wbc.dynwbc import DynWbc, DynWbcResult, DynWbcWeights
 from wbc.least_slack import LeastSlack
@@ -154,7 +155,9 @@ def test_another_number_of_conditions_is_refused(name: str) -> None:
 
 
 @pytest.mark.parametrize(("steps", "rounds"), [(0, 300), (1, 300)])
-def test_a_spent_budget_costs_slack_and_never_the_limits(name: str, steps: int, rounds: int) -> None:
+def test_a_spent_budget_costs_slack_and_never_the_limits(
+    name: str, steps: int, rounds: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     setting = Setting(name, 0)
     _, free = setting.solve(None)
     matrix = setting.rng.normal(size=(COUNT, setting.kin.nv))
@@ -162,16 +165,14 @@ def test_a_spent_budget_costs_slack_and_never_the_limits(name: str, steps: int, 
     bound = matrix @ free.acceleration - 0.1
     bound[0], bound[1] = 5.0, 5.0
     _, least = setting.solve((matrix, bound))
+    limit(monkeypatch, LeastSlack, steps=steps, rounds=rounds)
     dynwbc = DynWbc(setting.kin, setting.contacts, WEIGHTS, condition_count=COUNT)
     dynwbc.reset(setting.previous)
     arguments = setting.kin, setting.acceleration, setting.wrench, setting.in_contact
     problem = dynwbc.build(*arguments, conditions=(matrix, bound))
-    qp = dynwbc._qps[problem.feet]
-    qp._least_slack = LeastSlack(qp.nx, COUNT, len(problem.rows) - COUNT, steps, rounds)
-    solution, relaxed = qp.solve(problem)
-    assert solution.status == "optimal" and relaxed
-    assert solution.spent
     result = dynwbc.solve(problem)
+    assert result.status == "optimal" and result.relaxed
+    assert result.spent
     effort = setting.kin.robot.joint_array("effort")
     assert (np.abs(result.torque) <= effort + 1e-7).all()
     cone = np.concatenate([wrench_cone(c) @ result.wrench[6 * i : 6 * i + 6] for i, c in enumerate(setting.contacts)])

@@ -33,7 +33,7 @@ def barrier_plot(results: Sequence[Recording]) -> Figure | None:
     shown = [r for r in results if r.series["h_self_collision"].size]
     if not shown:
         return None
-    pairs = _closest_pairs(shown)
+    pairs = closest_pairs(shown)
     figure, axes = new_axes(2, 2, 6.0, sharex=True)
     for axis, k in zip(axes, pairs, strict=False):
         for result, colour in coloured(shown):
@@ -172,7 +172,7 @@ def _foot_shapes(robot: RobotDescription, top: str) -> set[str]:
     return {shape.name for shape in robot.collisions if within(shape.body)}
 
 
-def _closest_pairs(results: Sequence[Recording]) -> list[int]:
+def closest_pairs(results: Sequence[Recording]) -> list[int]:
     """Indices of the pairs with the smallest barriers: between hand and torso where the run has a hand task."""
     robot = results[0].robot
     smallest = np.min([r.series["h_self_collision"].min(axis=0) for r in results], axis=0)

@@ -33,7 +33,7 @@ def study_progress(console: Console, title: str, total: int) -> Iterator[Advance
 def _bar(console: Console, title: str, total: int) -> Iterator[Advance]:
     columns = (
         TextColumn("{task.description}", markup=False),
-        BarColumn(),
+        BarColumn(bar_width=None),
         MofNCompleteColumn(),
         TextColumn("{task.fields[failures]}", markup=False),
         TimeElapsedColumn(),
@@ -42,7 +42,7 @@ def _bar(console: Console, title: str, total: int) -> Iterator[Advance]:
     )
     failures = 0
     # the mean speed of the last ten minutes: cases differ too much for the usual half a minute
-    with Progress(*columns, console=console, redirect_stdout=False, speed_estimate_period=600.0) as bars:
+    with Progress(*columns, console=console, redirect_stdout=False, speed_estimate_period=600.0, expand=True) as bars:
         bar = bars.add_task(title, total=total, failures="")
 
         def advance(failed: bool) -> None:

@@ -37,7 +37,7 @@ class WholeBodyReference:
         in_contact: shape (2,) whether each foot is meant to be on the ground.
         sole_turns: shape (2, 2) rate [rad/s] and second rate [rad/s^2] at which each sole turns about the vertical.
         load_limits: shape (2,) largest fraction of the robot's weight that each foot may carry; 1 and above is no
-        limit.
+            limit.
         turn_rate: rate at which base and torso turn about the vertical [rad/s].
         dcm: divergent component of motion; where it is given, the horizontal motion of the CoM follows from it by the
             feedback of :mod:`controllers.balance.dcm_feedback`, and ``com`` only gives the height.

@@ -51,7 +51,6 @@ class Supervisor:
         controller: the controller that is watched.
         cause: why the robot was stopped; ``None`` while it runs.
         stopped_at: stamp of the state at which it was stopped [s].
-        last: command that was handed on last; before the first one, a brake.
     """
 
     def __init__(self, controller: WholeBodyController) -> None:
@@ -62,11 +61,16 @@ class Supervisor:
         self._failures = 0
         self._stamp = -np.inf
         self._repeated = 0
-        robot = controller.robot
-        zero = np.zeros(len(robot.joints))
-        kd = controller.config.gain_scale * robot.joint_array("kd")
-        # without any command yet there is nothing to hold: brake
-        self.last = MotorCommand(zero, zero, zero, zero, kd, 0.0)
+        self._last: MotorCommand | None = None
+
+    @property
+    def last(self) -> MotorCommand:
+        """The command that was handed on last; before the first one, with nothing to hold, a brake."""
+        if self._last is not None:
+            return self._last
+        zero = np.zeros(len(self.controller.robot.joints))
+        kd = self.controller.config.gain_scale * self.controller.robot.joint_array("kd")
+        return MotorCommand(zero, zero, zero, zero, kd, 0.0)
 
     @property
     def fading(self) -> bool:
@@ -116,7 +120,7 @@ class Supervisor:
         if not all_finite(result.command.q, result.command.v, result.command.tau):
             self._fade("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
-        self.last = result.command
+        self._last = result.command
         self._count_failures(result, state.stamp)
         return result.command, result
 

@@ -20,7 +20,7 @@ def _clamp(value: float, bound: float) -> float:
 def distribute_wrench(
     mass: float, com: Array, com_acceleration: Array, soles: Array, load: Array, half_sizes: Array
 ) -> Array:
-    r"""Fraction out the force and moment that accelerate the CoM without changing angular momentum.
+    r"""Share out the force and moment that accelerate the CoM without changing angular momentum.
 
     The total force :math:`m (\ddot c + g)` acts along a line through the CoM. Each foot carries the fraction ``load``
     of it; the moment that is left about the loaded centre of the soles is shared the same way, and cut off where it

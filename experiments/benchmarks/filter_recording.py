@@ -34,7 +34,7 @@ GOAL_TICKS = 100
 GOAL_LOW, GOAL_HIGH = np.array([0.2, -0.05, 0.0]), np.array([0.4, 0.3, 0.3])
 """Box of the left hand's goals from the base body's origin at the start [m]; the right hand's is its mirror image."""
 
-CLOSE_SHARE = 0.4
+CLOSE_FRACTION = 0.4
 """This fraction of the obstacles waits around the hands' goals, or where crowding presses against the robot."""
 
 GOAL_SPREAD = 0.15
@@ -95,7 +95,7 @@ class Spheres:
         self.position = rng.uniform(self._low, self._high, (n, 3))
         self.velocity = np.zeros((n, 3))
         self._body = rng.permutation(np.arange(n) % problem.bodies.radius.size)
-        self._close = rng.permutation(n)[:, None] < CLOSE_SHARE * n
+        self._close = rng.permutation(n)[:, None] < CLOSE_FRACTION * n
 
     def change_course(self, goals: Array) -> None:
         """Draw where to go next: about the goals or anywhere; where crowding, new sides of the bodies and distances."""

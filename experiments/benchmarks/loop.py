@@ -69,7 +69,7 @@ def case(name: str, what: str, rate: float, filter_name: str, duration: float) -
 def loop_figures(scenario: Scenario) -> dict[str, float]:
     """Wall time by part of one run [ms per simulated second; the set-up in ms], and how much faster than real time.
 
-    ``loop`` is the sum of ``LOOP_PARTS``, ``real_time_factor`` simulated time over it; ``processor_fraction`` processor
+    ``loop`` is the sum of ``LOOP_PARTS``, ``real_time_factor`` simulated time over it; ``processor_ratio`` processor
     time over wall time: clearly below 1, something else was running and the figures say little.
     """
     laps, processor = Laps(), time.process_time()
@@ -79,7 +79,7 @@ def loop_figures(scenario: Scenario) -> dict[str, float]:
     out["set-up"] = 1e3 * laps.seconds["set-up"]
     out["loop"] = sum(out[part] for part in LOOP_PARTS)
     out["real_time_factor"] = 1e3 / out["loop"]
-    out["processor_fraction"] = processor / sum(laps.seconds.values())
+    out["processor_ratio"] = processor / sum(laps.seconds.values())
     return out
 
 
@@ -93,7 +93,7 @@ def table(robot: RobotDescription, filter_name: str, figures: dict[str, dict[str
             bold=key in {"loop", "real_time_factor"},
             section=(name, key, digits) == setup[0],
         )
-        for name, key, digits in (*parts, *setup, ("processor fraction", "processor_fraction", 2))
+        for name, key, digits in (*parts, *setup, ("processor ratio", "processor_ratio", 2))
     ]
     title = f"{robot.name}, filter {filter_name}: ms of wall time per simulated second"
     return Table((Column("part", words=True), *map(Column, figures)), tuple(rows), title)

@@ -83,7 +83,7 @@ def zmp_inside(series: dict[str, Array]) -> Mask:
 def zmp_inside_single(series: dict[str, Array], inside: Mask) -> float | None:
     """Fraction of ``inside`` (P,) among the plant steps at which the plan is on one foot; ``None`` without any."""
     single = (_planned_contact(series).sum(axis=1) == 1)[_ticks_of_steps(series)]
-    return _share(inside & single, single)
+    return _fraction_of(inside & single, single)
 
 
 def foot_slide(series: dict[str, Array]) -> Array:
@@ -173,8 +173,8 @@ def _filter_figures(series: dict[str, Array]) -> dict[str, Any]:
     status = np.where(running, series["filter_status"], 0)
     return {
         "qp_failures": int(((series["qp_failed"] > 0) | (status == 3)).sum()),
-        "filtered_fraction": _share(status > 0, running),
-        "relaxed_fraction": _share(status == 2, running),
+        "filtered_fraction": _fraction_of(status > 0, running),
+        "relaxed_fraction": _fraction_of(status == 2, running),
         **_steps(series["v_safe"][running]),
     }
 
@@ -232,7 +232,7 @@ def _smallest(values: Array) -> float | None:
     return float(values.min()) if values.size else None
 
 
-def _share(ticks: Mask, of: Mask) -> float | None:
+def _fraction_of(ticks: Mask, of: Mask) -> float | None:
     return float(ticks.sum() / of.sum()) if of.any() else None
 
 

@@ -34,6 +34,8 @@ from robots.errors import ConfigError
 if TYPE_CHECKING:
     from experiments.reports.corridor import CorridorScene
 
+REPORT = "report.html"
+
 
 def corridor(options: CorridorOptions) -> int:
     """Run every filter, print their table, write the report; returns 0, or 1 where runs failed.
@@ -49,6 +51,8 @@ def corridor(options: CorridorOptions) -> int:
     runs = [filter_run(load_recording(folder / str(row.folder))) for row in rows if row.error is None]
     if runs:
         show(corridor_table(runs, [run.name for run in runs]))
+        # one of an earlier call may be of other filters
+        (folder / REPORT).unlink(missing_ok=True)
         if options.report:
             _report(folder, scene, runs)
     return tell_failures(rows, folder)
@@ -130,5 +134,5 @@ def _report(folder: Path, scene: Corridor, runs: Sequence[CorridorRun]) -> None:
         shown = report_scene(scene, robot)
         frames = corridor_frames(shown, robot, runs)
         write = partial(write_corridor_report, scene=shown, robot=robot, runs=runs, frames=frames, note=problem or "")
-        add_file(folder, "report.html", write)
-    console.print(f"report:  {folder / 'report.html'}")
+        add_file(folder, REPORT, write)
+    console.print(f"report:  {folder / REPORT}")

@@ -62,7 +62,9 @@ def write_index(study: Study, folder: Path) -> None:
 
 
 def _refuse_another(study: Study, there: StudyFolder) -> None:
-    if {case["key"] for case in there.cases}.isdisjoint(case.key for case in study.cases):
+    known = {case["key"] for case in there.cases}
+    store = RowStore(there.folder)
+    if not any(case.key in known or case.key in store for case in study.cases):
         allowed = f"a new folder, or one of this study; that one is of another: {there.title!r}, {there.command!r}"
         raise ConfigError("out", str(there.folder), allowed)
 

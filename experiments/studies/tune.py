@@ -99,6 +99,8 @@ def start_choices(robot: RobotDescription, options: TuneOptions) -> dict[str, Ch
     """The parameters to start from, of every family."""
     safety: FilterTuning = controller_config(robot).safety
     if options.start is not None:
+        if not options.start.is_file():
+            raise ConfigError("start", str(options.start), "a file of parameters as `safewbc tune` writes it")
         safety = read_tuning(options.start, robot.name).applied(safety)
     return {f: Choice(getattr(safety, f).alpha, getattr(safety, f).epsilon) for f in GUARANTEED}
 

@@ -63,8 +63,8 @@ class Choice:
         return self.squared / (self.alpha * self.epsilon)
 
 
-Round = Callable[[Sequence[TuningRun], Mapping[str, Mapping[str, float]]], Sequence[Seen]]
-"""What some runs come to with parameters by family and name."""
+Round = Callable[[Sequence[TuningRun], Mapping[str, Mapping[str, float]], Sequence[str]], Sequence[Seen]]
+"""What some runs come to with parameters by family and name, of which the last argument tells those to be tuned."""
 
 
 def rounded_down(value: float) -> float:
@@ -224,6 +224,7 @@ class Tuner:
 
     def _round(self, chosen: dict[str, Choice]) -> Sequence[Seen]:
         """All runs that measure a family which is not settled."""
-        open_families = {f for f, c in chosen.items() if not c.settled}
-        runs = [r for r in self._runs if open_families & set(r.families)]
-        return self._make_round(runs, {f: {"alpha": c.alpha, "epsilon": c.epsilon} for f, c in chosen.items()})
+        tuned = [f for f, c in chosen.items() if not c.settled]
+        runs = [r for r in self._runs if set(tuned) & set(r.families)]
+        parameters = {f: {"alpha": c.alpha, "epsilon": c.epsilon} for f, c in chosen.items()}
+        return self._make_round(runs, parameters, tuned)

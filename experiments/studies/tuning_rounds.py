@@ -2,17 +2,20 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from controllers.whole_body.tuning_file import Tuning, write_tuning
-from experiments.recording.recording import GUARANTEED, Recording
-from experiments.studies.case import Case, Study, content_key
+from experiments.recording.plain import plain
+from experiments.recording.recording import GUARANTEED
+from experiments.running.run import run
+from experiments.studies.case import Case, Row, Study, content_key
 from experiments.studies.command import run_study
 from experiments.studies.progress import study_console
-from experiments.studies.runs import WarmUp, run_case
-from experiments.studies.store import sound
+from experiments.studies.runs import WarmUp, run_key
+from experiments.studies.store import CaseFailedError, RowStore
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tuning_measure import Measured, measure
 from experiments.studies.tuning_scenarios import TuningRun
@@ -40,20 +43,42 @@ def margins_of(options: TuneOptions) -> dict[str, float]:
 
 
 @dataclass(frozen=True, slots=True)
-class TuningRow:
-    """Makes the row of a run; figures that are not finite are left out of it.
+class MeasuredRun:
+    """Runs a scenario with parameters of the filter, and measures; what a case of the study evaluates.
 
     Attributes:
-        families: to measure.
+        run: to make.
+        parameters: by family and name.
         margins: barrier to keep, by family [m or rad].
+        robot: name of the robot that the parameters are of.
     """
 
-    families: tuple[str, ...]
+    run: TuningRun
+    parameters: Mapping[str, Mapping[str, float]]
     margins: Mapping[str, float]
+    robot: str
 
-    def __call__(self, result: Recording) -> dict[str, Any]:
-        """The row."""
-        return row_of(measure(result, self.families, dict(self.margins)), result.summary)
+    @property
+    def key(self) -> str:
+        """Stands for all that decides the row."""
+        content = [run_key(self.run.options), self.run.families, self.parameters, self.margins]
+        return content_key("tune", plain(content))
+
+    def __call__(self, store: RowStore) -> dict[str, Any]:
+        """The row. The parameters are left in the study's folder, in a file of their own, which the run takes."""
+        file = store.folder / "parameters" / f"{content_key('tuning', plain(self.parameters))}.toml"
+        file.parent.mkdir(exist_ok=True)
+        with TemporaryDirectory(dir=file.parent) as beside:
+            # the same parameters are written by several processes: each writes the same, and whole
+            written = Path(beside) / file.name
+            write_tuning(written, Tuning(self.parameters, {"robot": self.robot}))
+            written.replace(file)
+        result = run(self.run.with_parameters(file))
+        return row_of(measure(result, self.run.families, dict(self.margins)), result.summary)
+
+
+FIGURES = ("least", "epsilon", "push", "squared")
+"""Attributes of :class:`Measured` that a row has by family; those that are not finite are left out."""
 
 
 def row_of(measured: Sequence[Measured], summary: Mapping[str, Any]) -> dict[str, Any]:
@@ -61,15 +86,20 @@ def row_of(measured: Sequence[Measured], summary: Mapping[str, Any]) -> dict[str
     ended = "fell" if summary["fell"] else ("was stopped" if summary["stop_cause"] else "")
     row: dict[str, Any] = {"ended": ended, "stop_cause": summary["stop_cause"]}
     for m in measured:
-        figures = {"least": m.least, "epsilon": m.epsilon, "push": m.push, "squared": m.squared}
-        row[m.family] = {n: v for n, v in figures.items() if math.isfinite(v)} | {"binding": m.binding}
+        row[f"{m.family}_binding"] = m.binding
+        figures = {name: getattr(m, name) for name in FIGURES}
+        row |= {f"{m.family}_{name}": value for name, value in figures.items() if math.isfinite(value)}
     return row
 
 
 def seen_in(run: TuningRun, entries: Mapping[str, Any]) -> Seen:
     """What the row of a run says; ``entries`` as :func:`row_of` makes them."""
-    missing = {"least": math.nan, "epsilon": math.inf, "squared": math.nan}
-    found = [Measured(family, **missing | entries[family]) for family in run.families if family in entries]
+    missing, found = {"least": math.nan, "epsilon": math.inf, "squared": math.nan}, []
+    for family in run.families:
+        if f"{family}_binding" in entries:
+            names = ("binding", *FIGURES)
+            kept = {name: entries[f"{family}_{name}"] for name in names if f"{family}_{name}" in entries}
+            found.append(Measured(family, **missing | kept))
     return Seen(run, entries["ended"], tuple(found))
 
 
@@ -83,31 +113,30 @@ class TuningRounds:
         self._cases: list[Case] = []
         self._rounds = 0
 
-    def __call__(self, runs: Sequence[TuningRun], parameters: Mapping[str, Mapping[str, float]]) -> list[Seen]:
-        """What runs come to with parameters by family and name.
+    def __call__(
+        self, runs: Sequence[TuningRun], parameters: Mapping[str, Mapping[str, float]], families: Sequence[str]
+    ) -> list[Seen]:
+        """What runs come to with parameters by family and name; ``families`` are those that they are made for.
 
         Raises:
             CaseFailedError: a run failed.
         """
         self._rounds += 1
-        file = self._folder / "rounds" / f"{self._rounds}.toml"
-        file.parent.mkdir(parents=True, exist_ok=True)
-        write_tuning(file, Tuning(parameters, {"robot": self._robot.name}))
-        cases = [self._case(run, file) for run in runs]
+        cases = [self._case(run, parameters) for run in runs]
         self._cases += cases
-        told = sorted({family for run in runs for family in run.families})
-        study_console().print(
-            f"round {self._rounds}: " + "; ".join(f"{f} {dict(parameters[f])}" for f in told), highlight=False
-        )
+        told = "; ".join(f"{f} {dict(parameters[f])}" for f in families)
+        study_console().print(f"round {self._rounds}: {told}", highlight=False)
         title = f"Tuning of {self._robot.title}, round {self._rounds}"
         study = Study(title, tuple(self._cases), WarmUp(self._options.robot), self._command)
         rows = list(run_study(study, self._options.work, self._folder))[-len(cases) :]
-        return [seen_in(run, sound(row)) for run, row in zip(runs, rows, strict=True)]
+        return [self._seen(run, row) for run, row in zip(runs, rows, strict=True)]
 
-    def _case(self, run: TuningRun, file: Path) -> Case:
-        measure_row = TuningRow(run.families, self._margins)
-        case = run_case(
-            run.with_parameters(file), {"round": self._rounds, "run": run.name}, None, series=False, measure=measure_row
-        )
-        # what is measured depends on the margins
-        return replace(case, key=content_key("tune", [case.key, run.families, self._margins]))
+    def _case(self, run: TuningRun, parameters: Mapping[str, Mapping[str, float]]) -> Case:
+        made = MeasuredRun(run, parameters, self._margins, self._robot.name)
+        return Case(made.key, {"round": self._rounds, "run": run.name}, made)
+
+    def _seen(self, run: TuningRun, row: Row) -> Seen:
+        if row.error is not None:
+            cause = f"round {self._rounds}, run '{run.name}' failed: {row.error}; --retry-failed makes it again"
+            raise CaseFailedError(cause)
+        return seen_in(run, row.entries())

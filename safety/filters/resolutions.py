@@ -37,11 +37,10 @@ class NearestQp:
     (13) of the p-SSA paper with p = 2 and unit weights; eq. (33) of Lee et al. where the conditions can hold.
 
     A row that cannot hold and that nothing moves to speak of (``NEAR_ZERO_REACH``, ``NEAR_ZERO_GAIN``) is left out of
-    both phases and stays
-    violated: its compromise with the others would be full speed, in a direction that rounding decides, for next to
-    nothing. So the slack is the least to within
+    both phases and stays violated: its compromise with the others would be full speed, in a direction that rounding
+    decides, for next to nothing. So the slack is the least to within
 
-    .. math:: \|s\| \le (1 + \gamma) \|s^*\|
+    .. math:: \|s\| \le (1 + \gamma) \|s^*\|, \qquad \gamma = \mathrm{NEAR\_ZERO\_GAIN}
 
     and each row left out is short of at most ``NEAR_ZERO_REACH`` times the widest bound's range more than at its best.
     Without such rows it is the least, to rounding (``SLACK_PULL`` and ``ROUNDING`` of

@@ -123,7 +123,7 @@ def test_every_part_of_a_run_is_booked() -> None:
     assert (scenario.control_rate, scenario.plant.physics_dt, scenario.duration) == (2000.0, 0.0005, 0.1)
     figures = loop_figures(scenario)
     passed = 1e3 * (time.perf_counter() - before)
-    assert set(figures) == {*PARTS, "loop", "real_time_factor", "processor_fraction"}
+    assert set(figures) == {*PARTS, "loop", "real_time_factor", "processor_ratio"}
     assert all(value > 0 for value in figures.values())
     assert figures["loop"] == pytest.approx(sum(figures[part] for part in LOOP_PARTS))
     assert figures["loop"] * figures["real_time_factor"] == pytest.approx(1e3)
@@ -141,7 +141,7 @@ def test_the_bench_prints_and_writes_every_part(
     assert list(figures) == ["g1"]
     assert list(figures["g1"]) == ["hands 250 Hz", "walk 250 Hz"]
     printed = capsys.readouterr().out
-    for part in (*PARTS, "loop", "times real time", "processor fraction"):
+    for part in (*PARTS, "loop", "times real time", "processor ratio"):
         assert part in printed
 
 

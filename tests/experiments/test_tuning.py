@@ -101,7 +101,8 @@ def tuner(
     robot = load_robot("g1")
     rounds: list[dict[str, dict[str, float]]] = []
 
-    def make_round(runs: Sequence[TuningRun], parameters: Parameters) -> list[Seen]:
+    def make_round(runs: Sequence[TuningRun], parameters: Parameters, tuned: Sequence[str]) -> list[Seen]:
+        assert all(set(tuned) & set(run.families) for run in runs)
         rounds.append({f: dict(v) for f, v in parameters.items()})
         return [come_to(run) for run in runs]
 

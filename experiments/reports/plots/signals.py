@@ -67,7 +67,7 @@ def torque_plot(results: Sequence[Recording]) -> Figure | None:
     for axis, (name, joints) in zip(axes, groups.items(), strict=True):
         for result, colour in coloured(shown):
             axis.plot(result.series["time"], _torque_fraction(result)[:, joints].max(axis=1), color=colour)
-        _share_axis(axis, name)
+        _one_axis(axis, name)
         axis.set_xlabel("time [s]")
     bars = figure.add_subplot(grid[1, :])
     width = 0.8 / len(shown)
@@ -77,7 +77,7 @@ def torque_plot(results: Sequence[Recording]) -> Figure | None:
     bars.set_xlim(-0.7, len(robot.joints) - 0.3)
     names = [name.removesuffix("_joint").replace("_", " ") for name in robot.joint_names]
     bars.set_xticks(range(len(names)), names, rotation=60, ha="right", rotation_mode="anchor", fontsize=7)
-    _share_axis(bars, "largest of the whole run, by joint")
+    _one_axis(bars, "largest of the whole run, by joint")
     bars.grid(False, axis="x")
     legend_of_runs(figure, shown)
     return figure
@@ -181,7 +181,7 @@ def _torque_fraction(result: Recording) -> Array:
     return fraction
 
 
-def _share_axis(axis: Axes, title: str) -> None:
+def _one_axis(axis: Axes, title: str) -> None:
     axis.axhline(1.0, color=UNSAFE, lw=1.0)
     axis.set_ylim(0.0, max(1.08, axis.get_ylim()[1]))
     axis.set_ylabel("torque / limit")

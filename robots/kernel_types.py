@@ -32,7 +32,7 @@ OUT_ROWS = types.float64[:, ::1]
 ORDER_FREE = {"reassoc", "contract"}
 """Sums may be taken in any order, so that they run over several columns at a time; NaN and infinity are not lost."""
 
-PACKAGES = ("robots", "wbc", "safety", "sims")
+PACKAGES = ("robots", "wbc", "safety", "controllers", "sims")
 """Where kernels are."""
 
 CACHE_PREFIX = "kernels-"

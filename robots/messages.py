@@ -26,6 +26,8 @@ class RobotState:
         tau: shape (nj,) motor torques [N m].
         stamp: time of measurement [s].
         foot_forces: shape (2,) force along the normal of left and right sole [N]; ``None`` where it is not measured.
+        contact: shape (2,) probability that left and right sole stand on the ground; ``None`` where nothing but the
+            forces tells.
     """
 
     q: Array
@@ -33,6 +35,28 @@ class RobotState:
     tau: Array
     stamp: float
     foot_forces: Array | None = None
+    contact: Array | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class SensorReading:
+    """What a robot's own sensors say at one instant; nothing of the base but by its IMU.
+
+    Attributes:
+        joint_position: shape (nj,) [rad].
+        joint_velocity: shape (nj,) [rad/s].
+        torque: shape (nj,) of the motors, as they estimate it [N m].
+        gyro: shape (3,) rate of the IMU in its own axes [rad/s].
+        accelerometer: shape (3,) specific force of the IMU in its own axes, -g at rest [m/s^2].
+        stamp: time of measurement [s].
+    """
+
+    joint_position: Array
+    joint_velocity: Array
+    torque: Array
+    gyro: Array
+    accelerometer: Array
+    stamp: float
 
 
 @dataclass(frozen=True, slots=True)

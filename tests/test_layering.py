@@ -28,6 +28,7 @@ FLOORS = {
     "controllers": (
         "balance",
         "perception",
+        "estimation",
         "obstacle_tracker",
         "policies",
         "reference",

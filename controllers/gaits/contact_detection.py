@@ -1,7 +1,10 @@
-"""Which feet touch the ground, from measured forces."""
+"""Which feet touch the ground: as the state has it, or from measured forces."""
 
 from robots.checks import require_positive
-from robots.messages import Array
+from robots.messages import Array, RobotState
+
+TOUCHES = 0.5
+"""Probability of contact from which on a foot counts as touching."""
 
 TICKS = 2
 """Ticks in a row that a force has to be above the threshold to count: one alone may be noise, or the scrape of a foot
@@ -19,6 +22,16 @@ class ContactDetector:
         require_positive("threshold", threshold)
         self._threshold = threshold
         self._counts = (0, 0)
+
+    def read(self, state: RobotState) -> tuple[bool, bool] | None:
+        """Which feet touch in a measured state: by its contacts where it has them, else by its forces.
+
+        ``None`` where it has neither.
+        """
+        if state.contact is not None:
+            left, right = state.contact.tolist()
+            return left > TOUCHES, right > TOUCHES
+        return None if state.foot_forces is None else self.update(state.foot_forces)
 
     def update(self, forces: Array) -> tuple[bool, bool]:
         """Take in the forces (2,) of one tick [N]; returns which feet touch.

@@ -117,9 +117,8 @@ class OneLeg:
 
     def _touches(self, t: float, state: RobotState) -> bool:
         """Whether the free foot is on the ground: by its force, or where that is not measured, by the clock."""
-        if state.foot_forces is not None:
-            return self._detector.update(state.foot_forces)[self._free]
-        return t - self._since >= self._tuning.lower_time
+        contact = self._detector.read(state)
+        return t - self._since >= self._tuning.lower_time if contact is None else contact[self._free]
 
     def _ready(self) -> bool:
         """Whether the measured DCM is over the standing foot."""

@@ -19,7 +19,7 @@ from experiments.scenarios.registry import SCENARIO_FOLDER, read_scenario
 from experiments.scenarios.scenario import Runnable
 from robots.errors import ConfigError
 
-TIMES = ("tick_ms", "stages", "filter_ms")
+TIMES = ("tick_ms", "stages", "filter_ms", "estimate_ms")
 """Recorded arrays that hold how long computing took: the only ones that may differ."""
 
 VARYING = ("tick_ms_", "filter_ms_", "versions")

@@ -6,9 +6,10 @@ from typing import Any
 
 from experiments.metrics.declared import METRICS
 from experiments.metrics.declared_motion import DRAWN, FEET, ONE_LEG, WALKING
+from experiments.metrics.estimate import ESTIMATE
 from experiments.metrics.metric import DEEP, GROUPS, Metric, Summarised
 
-DECLARED = tuple({m.key: m for m in (*METRICS, *WALKING, *FEET, *ONE_LEG, *DRAWN)}.values())
+DECLARED = tuple({m.key: m for m in (*METRICS, *ESTIMATE, *WALKING, *FEET, *ONE_LEG, *DRAWN)}.values())
 """In the order to show them."""
 
 DECLARED_KEYS = tuple(m.key for m in DECLARED)

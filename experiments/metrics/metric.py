@@ -15,6 +15,7 @@ GROUPS = {
     "tracking": "tracking",
     "locomotion": "locomotion",
     "effort": "effort",
+    "estimate": "state estimate",
     "computation": "computation",
     "drawn": "drawn from the seed",
     "": "of the scenario",

@@ -1,5 +1,7 @@
 """Faults between a body and the agent."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from robots.messages import MotorCommand, RobotState
@@ -16,9 +18,11 @@ class BrokenEncoder:
     def state(self) -> RobotState:
         """See :meth:`robots.ports.Body.state`."""
         state = self._body.state()
-        if state.stamp >= self._since:
-            state.q[7] = np.nan
-        return state
+        if state.stamp < self._since:
+            return state
+        q = state.q.copy()
+        q[7] = np.nan
+        return replace(state, q=q)
 
     def send(self, command: MotorCommand) -> None:
         """See :meth:`robots.ports.Body.send`."""

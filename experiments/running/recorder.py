@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from controllers.agent import Agent, AgentOutput
+from controllers.estimation.estimated_body import EstimatedBody
 from controllers.whole_body.config import ControllerConfig, FilterTuning
 from controllers.whole_body.controller import STAGES, TickResult
 from experiments.recording.columns import Columns
@@ -41,6 +42,7 @@ class Recorder(Observer):
         duration: longest time that is recorded [s].
         obstacles: what really is around the robot.
         laps: books where the time goes.
+        estimated: the body, where the agent is told of an estimate.
 
     Attributes:
         first_relaxed: which conditions were given up first, and when, in words; ``None`` where all held.
@@ -55,7 +57,9 @@ class Recorder(Observer):
         duration: float,
         obstacles: TrueObstacles = nothing,
         laps: Laps | None = None,
+        estimated: EstimatedBody | None = None,
     ) -> None:
+        self._estimated = estimated
         self.plant, self._agent, self._obstacles = plant, agent, obstacles
         self._laps = Laps() if laps is None else laps
         present = obstacles(0.0)
@@ -87,10 +91,24 @@ class Recorder(Observer):
         if (own := self._own_rows).size:
             h = self._agent.controller.barriers.h[own]
             row["h_own"] = np.full(h.shape, np.nan) if result is None else h
+        if self._estimated is not None:
+            row |= self._estimate_row(self._estimated)
         answer = self._answer(result)
         self._v_safe = answer["v_safe"]
         self._ticks.append(row | answer)
         self._laps.book("recording")
+
+    def _estimate_row(self, body: EstimatedBody) -> dict[str, Any]:
+        estimate = body.estimate
+        assert estimate is not None
+        forces = np.full(2, np.nan) if estimate.foot_forces is None else estimate.foot_forces
+        return {
+            "q_estimated": estimate.q,
+            "v_estimated": estimate.v,
+            "foot_force_estimated": forces,
+            "contact_estimated": np.ones(2) if estimate.contact is None else estimate.contact,
+            "estimate_ms": 1e3 * body.seconds,
+        }
 
     def _body_row(self, t: float) -> dict[str, Any]:
         # the instant of the last plant step, so what was measured then need not be worked out again

@@ -1,16 +1,19 @@
 """From a scenario to its recording: builds robot, plant and controller, runs, sums up."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from controllers.agent import Agent
+from controllers.estimation.estimated_body import EstimatedBody
+from controllers.estimation.estimator import EstimatorSettings, StateEstimator
 from controllers.gaits.commands import CommandProfile
 from controllers.whole_body.config import ControllerConfig
 from experiments.metrics.balance import convex_polygon, guarantee_figures, summarise, versions
 from experiments.metrics.catalogue import in_order
+from experiments.metrics.estimate import estimate_figures
 from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
 from experiments.running.faults import BrokenEncoder
@@ -22,16 +25,24 @@ from experiments.running.reference_motion import reference_motion
 from experiments.running.world import RunWorld, World
 from experiments.scenarios.corridor_case import CorridorCase
 from experiments.scenarios.registry import SCENARIOS, folder_reference
-from experiments.scenarios.resolve import control_config, plant_config, reads
+from experiments.scenarios.resolve import control_config, plant_config, reads, sensor_errors
 from experiments.scenarios.scenario import Runnable, Scenario, Setup, reference_to
 from robots.checks import require_between, require_non_negative
 from robots.description import RobotDescription
-from robots.errors import ConfigError
+from robots.errors import ConfigError, WithoutEffectError
 from robots.loader import load_robot
-from robots.messages import Array, RobotState
+from robots.messages import Array, Mask, MotorCommand, RobotState
 from robots.mujoco_spec import build_mujoco_spec
 from robots.pinocchio_model import standing_configuration
+from robots.ports import Body
 from sims.plant import MujocoPlant, PlantConfig
+from sims.sensors import Sensors
+
+ESTIMATE_STREAM = 5
+"""Second entry of the seed of the errors of the robot's own sensors."""
+
+CALIBRATION = 1000
+"""Readings at rest from which the gyro's bias is known: two seconds of them."""
 
 MAX_STEPS = 600_000
 """Most physics steps of one run; each leaves 2 to 4 kB behind."""
@@ -70,6 +81,9 @@ def prepare(scenario: Scenario) -> Prepared:
 def _check(scenario: Scenario) -> None:
     """What can be said without a robot."""
     plant_config(scenario.plant)
+    sensor_errors(scenario.sensing)
+    if scenario.sensing.state == "estimated" and scenario.plant.noise_scale > 0:
+        raise WithoutEffectError("noise_scale", scenario.plant.noise_scale, "left out with --state estimated")
     require_between("duration", scenario.duration, 0.1, 3600.0)
     if scenario.duration / scenario.plant.physics_dt > MAX_STEPS:
         longest = MAX_STEPS * scenario.plant.physics_dt
@@ -113,15 +127,17 @@ def run(scenario: Runnable, observers: Sequence[Observer] = (), laps: Laps | Non
 def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps | None = None) -> Recording:
     """Run a scenario of the whole body that has been checked; arguments and result as of :func:`run`."""
     scenario, robot, setup, laps = given.scenario, given.robot, given.setup, Laps() if laps is None else laps
-    plant, agent = _body_and_agent(given)
+    plant, agent, body = _body_and_agent(given)
     polygon = convex_polygon(plant.sole_corners().reshape(-1, 3)[:, :2])
     laps.book("set-up")
     reference_series = _reference_series(given, plant.true_state())
     laps.book("reference motion")
     agent.warm_up()
-    recorder, ending = Recorder(plant, agent, scenario.duration, given.world.true, laps), Ending(plant)
-    world = RunWorld(plant, agent, scenario.all_pushes(robot), given.world)
-    body = plant if scenario.nan_at is None else BrokenEncoder(plant, scenario.nan_at)
+    estimated = body if isinstance(body, EstimatedBody) else None
+    recorder = Recorder(plant, agent, scenario.duration, given.world.true, laps, estimated)
+    ending, world = Ending(plant), RunWorld(plant, agent, scenario.all_pushes(robot), given.world)
+    if scenario.nan_at is not None:
+        body = BrokenEncoder(body, scenario.nan_at)
     steps = round(agent.dt / plant.config.dt)
     guarded = [Guarded(observer) for observer in observers]
     loop = ClosedLoop(body, agent, world, [recorder, *guarded, ending], steps, laps)
@@ -132,7 +148,7 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     series |= {name: np.repeat(values, steps // ticks)[:steps] for name, values in reference_series.items()}
     if setup.command is not None:
         series["command"] = commands_at(setup.command, series["time"])
-    measured = summarise(series, ending.outcome)
+    measured = summarise(series, ending.outcome) | estimate_figures(series)
     measured |= {"first_relaxed": recorder.first_relaxed, "filter_changed_at_s": recorder.filter_changed_at}
     measured |= guarantee_figures(series, given.control, len(robot.leg_pairs)) | scenario.measure(robot, series)
     cause = agent.stop_cause or next((o.ended_by for o in guarded if o.ended_by), None)
@@ -144,15 +160,29 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     return recording
 
 
-def _body_and_agent(given: Prepared) -> tuple[MujocoPlant, Agent]:
-    """Plant and agent at the first posture."""
+def _body_and_agent(given: Prepared) -> tuple[MujocoPlant, Agent, Body[MotorCommand]]:
+    """Plant and agent at the first posture, and the body that the agent is to be told of."""
     rng = np.random.default_rng(given.scenario.seed)
     plant = MujocoPlant(given.robot, given.plant, rng, given.world.physical(0.0))
     start = standing_configuration(given.robot, given.setup.posture)
     plant.reset(start)
     agent = make_agent(given, given.world.kinds)
-    agent.reset(plant.state(), start)
-    return plant, agent
+    if given.scenario.sensing.state == "true":
+        agent.reset(plant.state(), start)
+        return plant, agent, plant
+    body, state = estimated_body(given, plant, lambda: agent.reference.in_contact)
+    agent.reset(state, start)
+    return plant, agent, body
+
+
+def estimated_body(given: Prepared, plant: MujocoPlant, plan: Callable[[], Mask]) -> tuple[EstimatedBody, RobotState]:
+    """The plant as its own sensors have it, calibrated while it is held still, and its state then."""
+    sensing = given.scenario.sensing
+    rng = np.random.default_rng([given.scenario.seed, ESTIMATE_STREAM])
+    sensors = Sensors(plant, sensor_errors(sensing), rng)
+    estimator = StateEstimator(given.robot, EstimatorSettings(base=sensing.estimator), plan)
+    state = estimator.calibrate([sensors.read_at_rest() for _ in range(CALIBRATION)], plant.true_state().q[:7])
+    return EstimatedBody(plant, sensors.read, estimator), state
 
 
 def make_agent(given: Prepared, obstacle_slots: Sequence[str] = ()) -> Agent:

@@ -44,6 +44,26 @@ class PlantOptions:
 
 
 @dataclass(frozen=True)
+class SensingOptions:
+    """What the controller is told of the robot's state."""
+
+    state: Literal["true", "estimated"] = "true"
+    """true: the simulator's own state, with the noise of --noise-scale; estimated: what a state estimator makes of IMU,
+    encoders and motor torques alone, with their errors (docs/estimation.md)."""
+    sensor_errors: float = 1.0
+    """Only with --state estimated: errors of these sensors, as a multiple of 0.01 rad/s of bias and 5 mrad/s of noise
+    of the gyro, 0.05 m/s^2 of both of the accelerometer, 0.1 mrad, 0.02 rad/s and 0.5 N m of noise of each joint
+    [-]."""
+    gyro_drift: float = 0.0
+    """Only with --state estimated: what the gyro's bias moves by in a minute [rad/s]."""
+    torque_constant: float = 1.0
+    """Only with --state estimated: what the motors take a torque of 1 N m for [N m]."""
+    estimator: Literal["invariant", "simple"] = "invariant"
+    """Only with --state estimated: filter of the base: the invariant Kalman filter, or a complementary filter with a
+    Kalman filter for each axis."""
+
+
+@dataclass(frozen=True)
 class FilterOptions:
     """The safety filter."""
 

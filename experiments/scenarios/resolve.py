@@ -6,7 +6,7 @@ from typing import Any
 from controllers.whole_body.config import ControllerConfig
 from controllers.whole_body.robot_config import controller_config
 from controllers.whole_body.tuning_file import Tuning, read_tuning
-from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.options import FilterOptions, PlantOptions, SensingOptions, refuse_without
 from experiments.scenarios.scenario import Scenario, Setup
 from robots.checks import require_between
 from robots.description import RobotDescription
@@ -15,6 +15,7 @@ from robots.mujoco_spec import PhysicalChanges
 from safety.barriers.rows import FAMILIES
 from safety.filters.registry import FILTERS
 from sims.plant import PlantConfig, SensorNoise
+from sims.sensors import SensorErrors
 
 STANDARD_NOISE = SensorNoise(
     joint_position=1e-4,
@@ -56,6 +57,23 @@ def plant_config(options: PlantOptions) -> PlantConfig:
     require_between("physics_dt", options.physics_dt, 1e-4, 0.005)
     scaled = {f.name: options.noise_scale * getattr(STANDARD_NOISE, f.name) for f in dataclasses.fields(SensorNoise)}
     return PlantConfig(options.physics_dt, changes, options.actuator_delay, SensorNoise(**scaled))
+
+
+def sensor_errors(options: SensingOptions) -> SensorErrors:
+    """Errors of the robot's own sensors.
+
+    Raises:
+        ConfigError: a value is not allowed, or has no effect.
+    """
+    names = ("sensor_errors", "gyro_drift", "torque_constant", "estimator")
+    refuse_without(options, options.state == "estimated", names, "--state estimated")
+    require_between("sensor_errors", options.sensor_errors, 0.0, 20.0)
+    require_between("gyro_drift", options.gyro_drift, 0.0, 1.0)
+    require_between("torque_constant", options.torque_constant, 0.5, 2.0)
+    standard = SensorErrors()
+    scaled = {f.name: options.sensor_errors * getattr(standard, f.name) for f in dataclasses.fields(SensorErrors)}
+    drift, scale = options.gyro_drift / 60.0, options.torque_constant
+    return SensorErrors(**scaled | {"gyro_drift": drift, "torque_scale": scale})
 
 
 def filter_changes(robot: RobotDescription, options: FilterOptions) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import tyro
 
 from experiments.metrics.metric import Metric
 from experiments.scenarios.content import Content, from_plain
-from experiments.scenarios.options import FilterOptions, PlantOptions
+from experiments.scenarios.options import FilterOptions, PlantOptions, SensingOptions
 from experiments.scenarios.pushes import Push
 from experiments.scenarios.world import WorldObject
 from robots.errors import ConfigError
@@ -117,8 +117,8 @@ class Scenario(Runnable):
     control_rate: float = 500.0
     """Control frequency; its period must be a whole number of physics steps [Hz]."""
     seed: int = 0
-    """Seed of everything random: the sensor noise of --noise-scale and, with --obstacle, that of the obstacle's
-    sensor [-]."""
+    """Seed of everything random: the sensor noise of --noise-scale, the sensors' errors of --state estimated and, with
+    --obstacle, the noise of the obstacle's sensor [-]."""
     nan_at: float | None = None
     """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
     singular: str | None = None
@@ -126,6 +126,7 @@ class Scenario(Runnable):
     the paper (docs/controller.md); the robot's own tuning if not given."""
     plant: Annotated[PlantOptions, tyro.conf.arg(name="")] = field(default_factory=PlantOptions)
     safety: Annotated[FilterOptions, tyro.conf.arg(name="")] = field(default_factory=FilterOptions)
+    sensing: Annotated[SensingOptions, tyro.conf.arg(name="")] = field(default_factory=SensingOptions)
     pushes: Annotated[tuple[Push, ...], tyro.conf.Suppress] = ()
     """On the torso, beside those that options ask for."""
     world: Annotated[tuple[WorldObject, ...], tyro.conf.Suppress] = ()
@@ -166,7 +167,7 @@ class Scenario(Runnable):
     def is_random(self, robot: RobotDescription) -> bool:
         """Whether anything depends on the seed."""
         seen = any(o.sensor is not None and o.sensor.noise > 0 for o in self.objects(robot))
-        return seen or self.mismatch(robot).noise_scale > 0
+        return seen or self.mismatch(robot).noise_scale > 0 or self.sensing.state == "estimated"
 
     def to_json(self) -> dict[str, Any]:
         """See :meth:`Runnable.to_json`; a robot given by its file is named by the absolute path."""

@@ -18,7 +18,7 @@ from experiments.recording.recording import FILTER_STATUSES, STOPPED, Recording,
 from experiments.running.run import run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.lateral_steps import LateralSteps
-from experiments.scenarios.options import PlantOptions
+from experiments.scenarios.options import PlantOptions, SensingOptions
 from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
@@ -43,6 +43,12 @@ def rows(section: str) -> dict[str, list[str]]:
 def hands() -> Recording:
     """A run with everything in it: a hand task and an obstacle."""
     return run(HandTracking(duration=0.3, motion="hold", obstacle=True))
+
+
+@pytest.fixture(scope="module")
+def estimated() -> Recording:
+    """A run on what an estimator makes of the robot's own sensors."""
+    return run(Stand(duration=0.3, sensing=SensingOptions(state="estimated")))
 
 
 @pytest.fixture(scope="module")
@@ -96,9 +102,9 @@ def test_a_table_that_has_no_place_is_missed() -> None:
 
 
 def test_every_figure_is_in_the_page_and_nothing_else(
-    hands: Recording, stepping: list[Recording], own_barrier: Recording
+    hands: Recording, stepping: list[Recording], own_barrier: Recording, estimated: Recording
 ) -> None:
-    drawn, made = {metric.key for metric in DRAWN}, (*stepping, own_barrier)
+    drawn, made = {metric.key for metric in DRAWN}, (*stepping, own_barrier, estimated)
     assert set(rows("summary.json")) == set(hands.summary).union(drawn, *(m.summary for m in made))
 
 
@@ -128,10 +134,10 @@ def test_figures_that_do_not_apply_are_said_to_be_null(
 
 
 def test_every_array_is_in_the_page_with_its_shape_and_nothing_else(
-    hands: Recording, stepping: list[Recording], own_barrier: Recording
+    hands: Recording, stepping: list[Recording], own_barrier: Recording, estimated: Recording
 ) -> None:
     page = rows("series.npz")
-    all_runs = (hands, *stepping, own_barrier)
+    all_runs = (hands, *stepping, own_barrier, estimated)
     assert set(page) == set().union(*(made.series for made in all_runs))
     for made in all_runs:
         nj = len(made.robot.joints)

@@ -97,7 +97,7 @@ class Walking:
         """The phase of this tick: another one when it is time, or when the feet or the DCM say so."""
         rules, phase, feet = self._rules, self._phase, self._feet
         # in every phase: a foot counts as touching only after some ticks
-        contact = None if state.foot_forces is None else self._detector.update(state.foot_forces)
+        contact = self._detector.read(state)
         if isinstance(phase, Standing):
             return leave_standing(rules, phase, feet, t, self._command)
         if isinstance(phase, DoubleSupport):

@@ -1,0 +1,255 @@
+"""Forces under the feet, contacts, and the estimate of the whole state, against the simulator's truth."""
+
+from dataclasses import replace
+
+import numpy as np
+import pinocchio as pin
+import pytest
+
+from controllers.agent import Agent
+from controllers.estimation.contact_belief import ContactBelief, ContactCues
+from controllers.estimation.estimated_body import EstimatedBody
+from controllers.estimation.estimator import BASE_FILTERS, EstimatorSettings, StateEstimator
+from controllers.estimation.momentum_observer import SLIDES, MomentumObserver, leg_columns
+from robots.errors import ConfigError
+from robots.kinematics import Kinematics
+from robots.loader import load_robot
+from robots.messages import SensorReading
+from robots.mujoco_spec import PhysicalChanges
+from robots.pinocchio_model import standing_configuration
+from sims.plant import MujocoPlant, PlantConfig
+from sims.sensors import NO_ERRORS, SensorErrors, Sensors
+
+DT = 0.002
+
+
+class Standing:
+    """A robot that stands by its own controller, on the true state, without friction in its joints."""
+
+    def __init__(self, name: str, mass_scale: float = 1.0) -> None:
+        changes = PhysicalChanges(mass_scale=mass_scale, joint_friction_scale=0.0)
+        self.plant = MujocoPlant(load_robot(name), PlantConfig(changes=changes))
+        self.agent = Agent(self.plant.robot, settle_time=0.0)
+        self.agent.reset(self.plant.true_state())
+        self.advance(1.0)
+
+    def advance(self, time: float = DT) -> None:
+        for _ in range(round(time / DT)):
+            self.plant.send(self.agent.tick(self.plant.true_state()).command)
+            self.plant.advance(DT)
+
+
+@pytest.mark.parametrize("mass_scale", [0.8, 1.0, 1.3])
+def test_at_rest_the_legs_tell_what_the_feet_bear_whatever_the_trunk_weighs(robot_name: str, mass_scale: float) -> None:
+    """All but the legs' own share of the mismatch: the observer knows the nominal legs."""
+    standing = Standing(robot_name, mass_scale)
+    plant, observer = standing.plant, MomentumObserver(standing.plant.robot, 100.0)
+    for _ in range(100):
+        standing.advance()
+        state = plant.true_state()
+        found = observer.update(state.q, state.v, state.tau, DT)
+    true = plant.contact_wrenches()
+    weight = plant.total_mass * 9.81
+    assert found[:, 2].sum() == pytest.approx(weight, rel=0.02 if mass_scale == 1.0 else 0.09)
+    assert np.abs(found[:, 2] - true[:, 2]).max() < (0.02 if mass_scale == 1.0 else 0.06) * weight
+
+
+def test_the_observer_follows_a_step_as_a_first_order_lag(robot_name: str) -> None:
+    """Against rigid-body dynamics integrated finely, with a force that begins at once."""
+    robot = load_robot(robot_name)
+    damping, dry = robot.joint_array("damping"), robot.joint_array("friction_loss")
+    kin, K, dt = Kinematics(robot), 100.0, 5e-5
+    sole = kin.frame_id(robot.soles[0].frame)
+    leg = leg_columns(kin, sole)
+    q, v = standing_configuration(robot, "standing"), np.zeros(kin.nv)
+    observer, force = MomentumObserver(robot, K), np.array([20.0, -10.0, 200.0, 3.0, 5.0, -1.0])
+    followed = []
+    for k in range(400):
+        kin.update(q, v)
+        jacobian = kin.frame_jacobian(sole, local=True)
+        torque = np.zeros(kin.nv - 6)
+        external = jacobian.T @ force if k > 0 else np.zeros(kin.nv)
+        friction = damping * v[6:] + dry * np.tanh(v[6:] / SLIDES)
+        balance = np.concatenate([np.zeros(6), torque - friction]) + external - kin.bias
+        found = observer.update(q, v, torque, dt)
+        # it begins by taking what nothing holds for held from outside
+        followed.append(found[0])
+        acceleration = np.linalg.solve(np.array(kin.mass_matrix), balance)
+        v = v + dt * acceleration
+        q = pin.integrate(kin.model, q, v * dt)
+    first = followed[0]
+    t = dt * np.arange(400)
+    expected = force + (first - force) * np.exp(-K * t)[:, None]
+    error = np.abs(np.array(followed) - expected).max(axis=0)
+    # the lag is that of the joints' torques, and the leg moves meanwhile
+    assert (error < 0.05 * np.abs(first - force).max()).all()
+    assert leg.size == 6
+
+
+def test_a_leg_has_six_joints() -> None:
+    kin = Kinematics(load_robot("g1"))
+    with pytest.raises(ConfigError, match="joints of a leg"):
+        leg_columns(kin, kin.frame_id(kin.robot.roles["torso"]))
+    with pytest.raises(ConfigError, match="bandwidth"):
+        MomentumObserver(load_robot("g1"), 0.0)
+
+
+# --- contacts
+
+
+def believe(forces: float, speed: float, planned: bool | None, ticks: int = 50) -> float:
+    belief = ContactBelief(350.0)
+    plan = None if planned is None else np.array([planned, True])
+    for _ in range(ticks):
+        belief.update(np.array([forces, 200.0]), np.array([speed, 0.0]), plan, DT)
+    return float(belief.probability[0])
+
+
+def test_each_cue_speaks_for_or_against_a_contact_and_none_alone_decides() -> None:
+    grid = [believe(f, 0.0, None) for f in (-50.0, 0.0, 10.0, 28.0, 60.0, 300.0)]
+    assert (np.diff(grid) >= 0).all() and grid[0] < 0.01 and grid[3] == pytest.approx(0.5) and grid[-1] > 0.99
+    assert believe(28.0, 0.0, False) < 0.5 < believe(28.0, 0.0, True)
+    assert believe(40.0, 0.0, None) > believe(40.0, 0.3, None) > believe(40.0, 2.0, None)
+    # a plan does not make a foot stand that bears nothing, nor a loaded one hang in the air
+    assert believe(0.0, 0.0, True) < 0.1
+    assert believe(150.0, 0.0, False) > 0.9
+    assert believe(1e9, 0.0, False) == pytest.approx(believe(300.0, 0.0, False))
+
+
+def test_a_touchdown_is_believed_within_some_ticks() -> None:
+    belief = ContactBelief(350.0)
+    off, on = np.array([0.0, 350.0]), np.array([120.0, 230.0])
+    for _ in range(100):
+        belief.update(off, np.array([0.4, 0.0]), np.array([False, True]), DT)
+    assert belief.probability[0] < 0.01 and belief.probability[1] > 0.99
+    ticks = 0
+    while belief.probability[0] < 0.5:
+        belief.update(on, np.array([0.02, 0.0]), np.array([False, True]), DT)
+        ticks += 1
+    assert ticks <= 5
+
+
+@pytest.mark.parametrize("name", ContactCues.__slots__)
+def test_a_cue_that_is_none_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ConfigError, match=name):
+        ContactCues(**{name: -1.0})
+
+
+# --- the whole estimate
+
+
+def estimator_of(
+    plant: MujocoPlant, errors: SensorErrors, seed: int = 0, **settings: object
+) -> tuple[StateEstimator, Sensors]:
+    sensors = Sensors(plant, errors, np.random.default_rng(seed))
+    estimator = StateEstimator(plant.robot, EstimatorSettings(**settings))
+    estimator.calibrate([sensors.read_at_rest() for _ in range(1000)], plant.true_state().q[:7])
+    return estimator, sensors
+
+
+@pytest.mark.parametrize("base", BASE_FILTERS)
+def test_a_robot_that_stands_is_known_to_stand(robot_name: str, base: str) -> None:
+    standing = Standing(robot_name)
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, SensorErrors(), base=base)
+    bias = np.linalg.norm(estimator.filter.gyro_bias - sensors.gyro_bias)
+    assert bias < 4 * 0.005 / np.sqrt(1000)
+    for _ in range(500):
+        standing.advance()
+        state = estimator.update(sensors.read())
+    true = plant.true_state()
+    assert np.abs(state.v[:6] - true.v[:6]).max() < 0.03
+    assert np.abs(state.q[:3] - true.q[:3]).max() < 5e-3
+    up = pin.Quaternion(state.q[3:7]).matrix()[2] @ pin.Quaternion(true.q[3:7]).matrix()[2]
+    assert np.arccos(min(up, 1.0)) < 0.012
+    assert state.contact is not None and (state.contact > 0.9).all()
+    np.testing.assert_array_equal(state.stamp, plant.time)
+
+
+def test_with_sensors_that_say_what_is_the_estimate_is_what_is(robot_name: str) -> None:
+    standing = Standing(robot_name)
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, NO_ERRORS)
+    for _ in range(250):
+        standing.advance()
+        state = estimator.update(sensors.read())
+    true = plant.true_state()
+    np.testing.assert_allclose(state.v, true.v, rtol=0, atol=2e-3)
+    np.testing.assert_allclose(state.q, true.q, rtol=0, atol=1e-3)
+
+
+def test_hanging_still_tells_the_bias_and_what_is_up() -> None:
+    """Without being told where the base is: it looks along x, upright by gravity, its lower sole on the ground."""
+    robot = load_robot("g1")
+    plant = MujocoPlant(robot)
+    tilted = standing_configuration(robot, "standing")
+    tilted[3:7] = pin.Quaternion(pin.rpy.rpyToMatrix(0.1, -0.2, 0.7)).coeffs()
+    plant.reset(tilted)
+    sensors = Sensors(plant, SensorErrors(accelerometer_bias=0.0), np.random.default_rng(1))
+    estimator = StateEstimator(robot)
+    state = estimator.calibrate([sensors.read_at_rest() for _ in range(2000)])
+    expected = pin.rpy.rpyToMatrix(0.1, -0.2, 0.0)
+    found = pin.Quaternion(state.q[3:7]).matrix()
+    np.testing.assert_allclose(found[2], pin.rpy.rpyToMatrix(0.1, -0.2, 0.7)[2], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(found[2], expected[2], rtol=0, atol=1e-3)
+    assert found[1, 0] == pytest.approx(0.0, abs=1e-9)
+    kin = Kinematics(robot)
+    kin.update_geometry(state.q)
+    heights = [kin.frame_placement(kin.frame_id(s.frame))[1][2] for s in robot.soles]
+    assert min(heights) == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ["gyro", "accelerometer", "joint_position", "joint_velocity", "torque"])
+def test_a_reading_that_is_not_finite_changes_nothing(name: str) -> None:
+    standing = Standing("g1")
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, NO_ERRORS)
+    standing.advance()
+    sound = estimator.update(sensors.read())
+    standing.advance()
+    reading = sensors.read()
+    broken = getattr(reading, name).copy()
+    broken[0] = np.nan
+    again = estimator.update(replace(reading, **{name: broken}))
+    assert again is sound and estimator.refused == 1
+    # one that comes late neither, and the next sound one is taken
+    assert estimator.update(replace(reading, stamp=0.0)) is sound
+    state = estimator.update(reading)
+    assert state.stamp == reading.stamp
+    np.testing.assert_allclose(state.q, plant.true_state().q, rtol=0, atol=2e-3)
+
+
+def test_an_estimate_before_the_calibration_is_refused() -> None:
+    estimator = StateEstimator(load_robot("g1"))
+    nothing = np.zeros(29)
+    reading = SensorReading(nothing, nothing, nothing, np.zeros(3), np.zeros(3), 0.0)
+    with pytest.raises(ConfigError, match="calibrated"):
+        estimator.update(reading)
+    with pytest.raises(ConfigError, match="readings"):
+        estimator.calibrate([])
+
+
+def test_a_body_is_told_what_is_estimated_and_commanded_what_is_sent() -> None:
+    standing = Standing("g1")
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, NO_ERRORS)
+    body = EstimatedBody(plant, sensors.read, estimator)
+    body.send(standing.agent.tick(plant.true_state()).command)
+    begun = plant.time
+    body.advance(DT)
+    state = body.state()
+    assert plant.time == pytest.approx(begun + DT)
+    assert state is body.estimate and state.contact is not None
+    assert body.seconds > 0.0
+
+
+def test_the_gyros_drift_is_followed() -> None:
+    """0.003 rad/s a minute, as fast as it is drawn, while the robot stands: half a minute of it."""
+    standing = Standing("g1")
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, SensorErrors(gyro_drift=0.003 / 60.0))
+    for _ in range(15_000):
+        standing.advance()
+        estimator.update(sensors.read())
+    moved = 0.003 / 60.0 * 30.0
+    assert np.linalg.norm(estimator.filter.gyro_bias - sensors.gyro_bias) < 0.5 * moved

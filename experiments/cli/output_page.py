@@ -5,6 +5,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from experiments.metrics.declared import METRICS
+from experiments.metrics.estimate import ESTIMATE
 from experiments.metrics.metric import GROUPS, Metric
 from experiments.recording.channels import CHANNELS, CLOCKS
 from experiments.scenarios.registry import SCENARIOS
@@ -41,7 +42,7 @@ def with_tables(page: str) -> str:
 
 def _common_metrics() -> Iterator[tuple[str, ...]]:
     for group, title in GROUPS.items():
-        found = [m for m in METRICS if m.group == group]
+        found = [m for m in (*METRICS, *ESTIMATE) if m.group == group]
         if found:
             yield (f"**{title}**", "", "")
         yield from ((f"`{m.key}`", m.stored, m.meaning) for m in found)

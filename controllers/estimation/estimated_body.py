@@ -17,9 +17,15 @@ class EstimatedBody:
         seconds: that it took.
     """
 
-    def __init__(self, body: Body[MotorCommand], read: Callable[[], SensorReading], estimator: StateEstimator) -> None:
-        """``body`` is commanded, and ``read`` gives what its sensors say now."""
-        self._body, self._read, self.estimator = body, read, estimator
+    def __init__(
+        self,
+        body: Body[MotorCommand],
+        read: Callable[[], SensorReading],
+        estimator: StateEstimator,
+        told: Callable[[RobotState], RobotState] | None = None,
+    ) -> None:
+        """``body`` is commanded, ``read`` gives what its sensors say now; ``told``: what is made of the estimate."""
+        self._body, self._read, self.estimator, self._told = body, read, estimator, told
         self.estimate: RobotState | None = None
         self.seconds = 0.0
 
@@ -29,7 +35,7 @@ class EstimatedBody:
         begun = time.perf_counter()
         self.estimate = self.estimator.update(reading)
         self.seconds = time.perf_counter() - begun
-        return self.estimate
+        return self.estimate if self._told is None else self._told(self.estimate)
 
     def send(self, command: MotorCommand) -> None:
         """See :meth:`robots.ports.Body.send`."""

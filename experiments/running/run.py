@@ -16,7 +16,7 @@ from experiments.metrics.catalogue import in_order
 from experiments.metrics.estimate import estimate_figures
 from experiments.recording.recording import Recording, description_digest, robot_reference
 from experiments.running.ending import Ending
-from experiments.running.faults import BrokenEncoder
+from experiments.running.faults import BrokenEncoder, partly
 from experiments.running.guarded import Guarded, raise_errors_of
 from experiments.running.laps import Laps
 from experiments.running.loop import ClosedLoop, Observer
@@ -82,8 +82,8 @@ def _check(scenario: Scenario) -> None:
     """What can be said without a robot."""
     plant_config(scenario.plant)
     sensor_errors(scenario.sensing)
-    if scenario.sensing.state == "estimated" and scenario.plant.noise_scale > 0:
-        raise WithoutEffectError("noise_scale", scenario.plant.noise_scale, "left out with --state estimated")
+    if scenario.sensing.state != "true" and scenario.plant.noise_scale > 0:
+        raise WithoutEffectError("noise_scale", scenario.plant.noise_scale, "left out without --state true")
     require_between("duration", scenario.duration, 0.1, 3600.0)
     if scenario.duration / scenario.plant.physics_dt > MAX_STEPS:
         longest = MAX_STEPS * scenario.plant.physics_dt
@@ -182,7 +182,7 @@ def estimated_body(given: Prepared, plant: MujocoPlant, plan: Callable[[], Mask]
     sensors = Sensors(plant, sensor_errors(sensing), rng)
     estimator = StateEstimator(given.robot, EstimatorSettings(base=sensing.estimator), plan)
     state = estimator.calibrate([sensors.read_at_rest() for _ in range(CALIBRATION)], plant.true_state().q[:7])
-    return EstimatedBody(plant, sensors.read, estimator), state
+    return EstimatedBody(plant, sensors.read, estimator, partly(sensing.state, plant)), state
 
 
 def make_agent(given: Prepared, obstacle_slots: Sequence[str] = ()) -> Agent:

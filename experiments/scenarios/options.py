@@ -47,9 +47,10 @@ class PlantOptions:
 class SensingOptions:
     """What the controller is told of the robot's state."""
 
-    state: Literal["true", "estimated"] = "true"
+    state: Literal["true", "estimated", "estimated-base", "estimated-forces"] = "true"
     """true: the simulator's own state, with the noise of --noise-scale; estimated: what a state estimator makes of IMU,
-    encoders and motor torques alone, with their errors (docs/estimation.md)."""
+    encoders and motor torques alone, with their errors (docs/estimation.md); estimated-base: with the true forces under
+    the feet; estimated-forces: forces and contacts estimated, beside the true base."""
     sensor_errors: float = 1.0
     """Only with --state estimated: errors of these sensors, as a multiple of 0.01 rad/s of bias and 5 mrad/s of noise
     of the gyro, 0.05 m/s^2 of both of the accelerometer, 0.1 mrad, 0.02 rad/s and 0.5 N m of noise of each joint

@@ -66,7 +66,7 @@ def sensor_errors(options: SensingOptions) -> SensorErrors:
         ConfigError: a value is not allowed, or has no effect.
     """
     names = ("sensor_errors", "gyro_drift", "torque_constant", "estimator")
-    refuse_without(options, options.state == "estimated", names, "--state estimated")
+    refuse_without(options, options.state != "true", names, "--state estimated")
     require_between("sensor_errors", options.sensor_errors, 0.0, 20.0)
     require_between("gyro_drift", options.gyro_drift, 0.0, 1.0)
     require_between("torque_constant", options.torque_constant, 0.5, 2.0)

@@ -117,7 +117,7 @@ class Scenario(Runnable):
     control_rate: float = 500.0
     """Control frequency; its period must be a whole number of physics steps [Hz]."""
     seed: int = 0
-    """Seed of everything random: the sensor noise of --noise-scale, the sensors' errors of --state estimated and, with
+    """Seed of everything random: the sensor noise of --noise-scale, the errors of the sensors behind --state and, with
     --obstacle, the noise of the obstacle's sensor [-]."""
     nan_at: float | None = None
     """Turn one measured joint position into NaN from this time on, to see the controlled stop [s]."""
@@ -167,7 +167,7 @@ class Scenario(Runnable):
     def is_random(self, robot: RobotDescription) -> bool:
         """Whether anything depends on the seed."""
         seen = any(o.sensor is not None and o.sensor.noise > 0 for o in self.objects(robot))
-        return seen or self.mismatch(robot).noise_scale > 0 or self.sensing.state == "estimated"
+        return seen or self.mismatch(robot).noise_scale > 0 or self.sensing.state != "true"
 
     def to_json(self) -> dict[str, Any]:
         """See :meth:`Runnable.to_json`; a robot given by its file is named by the absolute path."""

@@ -8,7 +8,10 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import FilterOptions, PlantOptions
 from experiments.scenarios.scenario import Scenario
 from experiments.scenarios.stand import Stand
+from experiments.scenarios.taichi import Taichi
+from experiments.scenarios.walk import Walk
 from experiments.studies.command import command_line, study_folder
+from experiments.studies.estimation_tables import estimation_runs, sensing_of, task_of
 from experiments.studies.runs import run_case
 from experiments.studies.safety_tables import friction_runs, safety_runs
 from experiments.studies.sections import Section, print_sections
@@ -65,8 +68,8 @@ def table(options: TableOptions) -> int:
 
 
 def sections(what: str) -> list[Section]:
-    """The tables of a page: ``results``, ``safety`` or ``friction``."""
-    groups = {"results": runs, "safety": safety_runs, "friction": friction_runs}[what]()
+    """The tables of a page, one of ``PAGES``."""
+    groups = PAGES[what]()
     return [
         Section(title, [run_case(s, _labels(s), run_folder(s)) for s in scenarios], shown)
         for title, (scenarios, shown) in groups.items()
@@ -81,11 +84,16 @@ def _labels(scenario: Scenario) -> dict[str, str]:
         "velocity": velocity,
         "friction": f"x{scenario.plant.joint_friction_scale:g}",
         "adaptive": "yes" if scenario.safety.adaptive else "no",
+        "task": task_of(scenario),
+        "sensing": sensing_of(scenario),
     }
 
 
 def run_folder(options: Scenario) -> str:
     """Name of the folder of one run: robot, filter, motion of the hands or ``stand``, and what else sets it apart."""
+    if options.sensing.state != "true" or isinstance(options, Walk | Taichi):
+        words = (options.robot, task_of(options), f"mass {options.plant.mass_scale:g}", sensing_of(options))
+        return "-".join(word for word in words if word).replace(",", "").replace("/", " per ").replace(" ", "-")
     motion = f"stand-{options.plant.mass_scale:g}"
     if isinstance(options, HandTracking):
         motion = options.motion if options.obstacle_velocity == "estimated" else f"hold-{options.obstacle_velocity}"
@@ -152,3 +160,7 @@ def runs() -> dict[str, tuple[list[Scenario], tuple[Metric, ...]]]:
         ),
         "Hand circles, other differences between robot and model, ISSf-CBF, 12 s": (other_differences(), case),
     }
+
+
+PAGES = {"results": runs, "safety": safety_runs, "friction": friction_runs, "estimation": estimation_runs}
+"""The runs of each page of the documentation, or part of one."""

@@ -22,8 +22,9 @@ class TableOptions:
     Some minutes on two cores.
     """
 
-    what: tyro.conf.Positional[Literal["results", "safety", "friction"]] = "results"
-    """Which page's: docs/results.md or docs/safety.md; friction: what docs/safety.md says of dry friction."""
+    what: tyro.conf.Positional[Literal["results", "safety", "friction", "estimation"]] = "results"
+    """Which page's: docs/results.md, docs/safety.md or docs/estimation.md; friction: what docs/safety.md says of dry
+    friction."""
     work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
 
 

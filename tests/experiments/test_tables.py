@@ -11,7 +11,7 @@ from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.scenario import Scenario
 from experiments.studies import results_tables as tables
 from experiments.studies.runs import Run
-from experiments.studies.safety_tables import friction_runs, safety_runs
+from experiments.studies.safety_tables import safety_runs
 from safety.filters.safety_filter import FILTERS
 
 DOCS = Path(__file__).parents[2] / "docs"
@@ -25,7 +25,12 @@ def options_of(groups: Mapping[str, tuple[list[Scenario], Any]]) -> list[Scenari
     return [options for group, _ in groups.values() for options in group]
 
 
-PAGES = [("results", "results.md"), ("safety", "safety.md"), ("friction", "safety.md")]
+PAGES = [
+    ("results", "results.md"),
+    ("safety", "safety.md"),
+    ("friction", "safety.md"),
+    ("estimation", "estimation.md"),
+]
 
 
 @pytest.mark.parametrize(("what", "page"), PAGES)
@@ -36,7 +41,8 @@ def test_each_page_has_the_tables_of_its_own(what: str, page: str) -> None:
     assert heads
     assert set(heads) <= set(rows_of(page))
     asked = [case.evaluate.scenario for section in made for case in section.cases if isinstance(case.evaluate, Run)]
-    assert asked == options_of({"safety": safety_runs, "friction": friction_runs, "results": tables.runs}[what]())
+    assert asked == options_of(tables.PAGES[what]())
+    assert set(tables.PAGES) == {name for name, _ in PAGES}
 
 
 def test_every_filter_is_run_on_both_robots() -> None:
@@ -46,7 +52,7 @@ def test_every_filter_is_run_on_both_robots() -> None:
 
 def test_runs_that_differ_have_folders_that_differ() -> None:
     """The same run may stand in two tables."""
-    for groups in (safety_runs(), friction_runs(), tables.runs()):
+    for groups in (make() for make in tables.PAGES.values()):
         folders: dict[str, Scenario] = {}
         for options in options_of(groups):
             assert folders.setdefault(tables.run_folder(options), options) == options

@@ -1,0 +1,58 @@
+"""Where every field of ``LowCmd_``, ``LowState_`` and ``IMUState_`` is, on the wire and in the struct of the check sum.
+
+On the wire (CDR, little-endian, each field aligned to its size from the payload's begin, no padding at the end of a
+struct) and in C's memory the same fields follow each other, and differ in one place only: C aligns each motor to four
+bytes, CDR its first field to one. So the first motor's ``mode`` is two bytes earlier on the wire, and all that follows
+it is four bytes earlier.
+
+Source: fields of unitree_ros2, cyclonedds_ws/.../unitree_hg/msg, and unitree_sdk2_python, idl/unitree_hg.
+"""
+
+import numpy as np
+
+MOTORS = 35
+"""Slots for motors in a message; the G1 of 29 joints has the first 29."""
+
+HEADER = bytes((0, 1, 0, 0))
+"""Before the payload: CDR, little-endian."""
+
+COMMAND_SIZE, STATE_SIZE, IMU_SIZE = 1000, 2088, 54
+"""Of the payloads [bytes]."""
+
+COMMAND_WORDS, STATE_WORDS = 250, 522
+"""Words of the structs before the check sum, which is the last one."""
+
+MOTOR_COMMAND_STRIDE, MOTOR_STATE_STRIDE = 28, 56
+
+FIRST_COMMAND, FIRST_STATE = 4, 72
+"""Where the first motor's ``q`` is on the wire; its ``mode`` lies two bytes before, that of every other four."""
+
+MOTOR_COMMAND = np.dtype(
+    {
+        "names": ["q", "dq", "tau", "kp", "kd", "reserve"],
+        "formats": ["<f4"] * 5 + ["<u4"],
+        "offsets": [0, 4, 8, 12, 16, 20],
+        "itemsize": MOTOR_COMMAND_STRIDE,
+    }
+)
+"""A motor's command from its ``q`` on; the ``mode`` of the next one lies at its end."""
+
+MOTOR_STATE = np.dtype(
+    {
+        "names": ["q", "dq", "ddq", "tau_est", "temperature", "vol", "sensor", "motorstate", "reserve"],
+        "formats": ["<f4", "<f4", "<f4", "<f4", ("<i2", 2), "<f4", ("<u4", 2), "<u4", ("<u4", 4)],
+        "offsets": [0, 4, 8, 12, 16, 20, 24, 32, 36],
+        "itemsize": MOTOR_STATE_STRIDE,
+    }
+)
+"""A motor's state likewise."""
+
+IMU = np.dtype(
+    {
+        "names": ["quaternion", "gyroscope", "accelerometer", "rpy", "temperature"],
+        "formats": [("<f4", 4), ("<f4", 3), ("<f4", 3), ("<f4", 3), "<i2"],
+        "offsets": [0, 16, 28, 40, 52],
+        "itemsize": IMU_SIZE,
+    }
+)
+"""``IMUState_``: quaternion w, x, y, z; rad/s; m/s^2; rad; degrees Celsius."""

@@ -21,6 +21,9 @@ from robots.loader import BUILT_IN, load_robot
 from safety.filters.safety_filter import FILTERS
 from safety.geometry.shapes import KINDS
 
+EXTRAS = ("cyclonedds",)
+"""Packages that only modules of an extra import."""
+
 PACKAGES = ("robots", "wbc", "safety", "controllers", "sims")
 """Where kernels may be; those whose signature is given are compiled when their module is imported."""
 
@@ -95,7 +98,16 @@ def _import_all() -> None:
     for package in PACKAGES:
         for module in walk_packages(import_module(package).__path__, f"{package}."):
             with errors:
-                import_module(module.name)
+                _import_unless_extra(module.name)
+
+
+def _import_unless_extra(name: str) -> None:
+    """Import a module; one that needs an extra which is not installed has no kernels."""
+    try:
+        import_module(name)
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] not in EXTRAS:
+            raise
 
 
 def kernels() -> list[CPUDispatcher]:

@@ -117,6 +117,11 @@ class StateMessage:
         self._struct = np.zeros(STATE_WORDS + 1, np.uint32)
 
     @property
+    def size(self) -> int:
+        """Of the whole message [bytes]."""
+        return int(self._bytes.size)
+
+    @property
     def mode_pr(self) -> int:
         """As of :attr:`CommandMessage.mode_pr`."""
         return int(self._payload[8])

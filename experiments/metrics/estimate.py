@@ -1,5 +1,6 @@
 """How far a state estimate was from the truth, and how that is declared."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -88,9 +89,8 @@ def estimate_figures(series: dict[str, Array]) -> dict[str, Any]:
         return {}
     late = series["time"] >= SETTLED
     late[-1:] = True
-    q, v, guess, rate = (series[name][late] for name in ("q", "v", "q_estimated", "v_estimated"))
-    true, estimated = _rotations(q), _rotations(guess)
-    velocity = np.einsum("tij,tj->ti", estimated, rate[:, :3]) - np.einsum("tij,tj->ti", true, v[:, :3])
+    q, guess, velocity = series["q"][late], series["q_estimated"][late], velocity_errors(series)[late]
+    true, estimated = base_rotations(q), base_rotations(guess)
     tilt = np.arccos(np.clip(np.vecdot(true[:, 2], estimated[:, 2]), -1.0, 1.0))
     force = series["foot_wrench"][late][:, :, 2]
     stands = force > TOUCHING * np.median(force.sum(axis=1))
@@ -105,6 +105,13 @@ def estimate_figures(series: dict[str, Array]) -> dict[str, Any]:
     }
 
 
-def _rotations(q: Array) -> Array:
-    """Of the base (T, 3, 3), from configurations (T, nq)."""
+def velocity_errors(series: Mapping[str, Array]) -> Array:
+    """Errors (T, 3) of the base's estimated linear velocity, world axes [m/s]."""
+    true, estimated = base_rotations(series["q"]), base_rotations(series["q_estimated"])
+    told = np.einsum("tij,tj->ti", estimated, series["v_estimated"][:, :3])
+    return told - np.einsum("tij,tj->ti", true, series["v"][:, :3])
+
+
+def base_rotations(q: Array) -> Array:
+    """Rotations (T, 3, 3) of the base, from configurations (T, nq)."""
     return np.array([pin.Quaternion(row[3:7]).matrix() for row in q])

@@ -11,7 +11,7 @@ from experiments.recording.plain import plain
 from experiments.recording.recording import Recording, run_title
 from experiments.reports.metric_tables import runs_table
 from experiments.reports.page import PlotPart, data_uri, write_page
-from experiments.reports.plots import balance, distances, signals
+from experiments.reports.plots import balance, distances, estimate, signals
 from experiments.reports.verdicts import verdict
 from robots.errors import ConfigError
 
@@ -67,6 +67,16 @@ PLOTS = (
         "Feet",
         balance.feet_plot,
         "Force of the ground on each foot, and how high its sole was over where it stood first; dashed: asked for.",
+    ),
+    (
+        "State estimate",
+        estimate.estimate_plot,
+        "What the controller was told of the base, less the truth: velocity along the world's axes, tilt, height.",
+    ),
+    (
+        "Contacts",
+        estimate.contact_plot,
+        "Estimated force on each sole, dashed the true one, and the probability that the foot stands.",
     ),
     (
         "Velocity",

@@ -8,10 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 from PIL import Image
 
-from experiments.recording.recording import (
-    Recording,
-)
-from experiments.reports.plots import distances, style
+from experiments.metrics.estimate import estimate_figures, velocity_errors
+from experiments.recording.recording import Recording
+from experiments.reports.plots import distances, estimate, style
 from experiments.reports.plots.signals import joint_groups
 from tests.support.made_runs import ROBOTS, made_run, with_series
 
@@ -35,6 +34,25 @@ def test_the_pairs_shown_are_of_hand_and_torso_where_hands_move() -> None:
     assert all("hand" in a and b in {"torso_low", "torso_high", "head"} for a, b in (pairs[k] for k in shown))
     without = with_series(made_run(hands=False), h_self_collision=h)
     assert distances.closest_pairs([without])[:2] == [feet, hand]
+
+
+def test_an_estimate_is_drawn_where_there_is_one() -> None:
+    """An estimate that is the truth has no errors; one that is off by a centimetre has these."""
+    result = made_run()
+    assert estimate.estimate_plot([result]) is None
+    assert estimate.contact_plot([result]) is None
+    ticks = len(result.series["time"])
+    told = {"q_estimated": result.series["q"].copy(), "v_estimated": result.series["v"].copy()}
+    told["q_estimated"][:, 2] += 0.01
+    told |= {"foot_force_estimated": np.zeros((ticks, 2)), "contact_estimated": np.ones((ticks, 2))}
+    known = with_series(result, **told, estimate_ms=np.ones(ticks))
+    np.testing.assert_allclose(velocity_errors(known.series), 0.0, rtol=0, atol=1e-12)
+    figures = estimate_figures(dict(known.series))
+    assert figures["height_error_m"] == pytest.approx(0.01)
+    assert figures["base_velocity_error_m_s"] == pytest.approx(0.0, abs=1e-12)
+    for draw in (estimate.estimate_plot, estimate.contact_plot):
+        png = draw([known, result])
+        assert png is not None and Image.open(io.BytesIO(png)).width > 600
 
 
 def test_every_run_has_its_own_colour() -> None:

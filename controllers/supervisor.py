@@ -9,7 +9,7 @@ from controllers.reference import WholeBodyReference
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from robots.checks import all_finite
 from robots.description import RobotDescription
-from robots.messages import MotorCommand, RobotState
+from robots.messages import Array, Mask, MotorCommand, RobotState
 from safety.filters.safety_filter import FilterStatus
 from safety.geometry.shapes import Obstacle
 
@@ -26,6 +26,9 @@ FADE_TIME = 1.5
 
 LARGEST = 1e6
 """Positions and velocities beyond this [m, rad, m/s, rad/s] are no measurement: squared, they would overflow."""
+
+BEYOND_LIMITS = 0.5
+"""A joint cannot be farther outside its limits than this [rad]: its encoder has jumped, by a turn for example."""
 
 QUATERNION_TOLERANCE = 1e-3
 """By how much the squared length of the base's quaternion may differ from 1."""
@@ -58,6 +61,7 @@ class Supervisor:
         self.cause: str | None = None
         self.stopped_at = float("nan")
         self._fading_ticks = -1
+        self._lost: Mask = np.zeros(len(controller.robot.joints), dtype=bool)
         self._failures = 0
         self._stamp = -np.inf
         self._repeated = 0
@@ -86,6 +90,9 @@ class Supervisor:
         """Whether the controller may be given a measured state; where not, the motors fade out from now on."""
         fault = describe_fault(self.controller.robot, state) or self._describe_age(state.stamp)
         if fault is not None:
+            if state.q.size == 7 + self._lost.size:
+                # the drive reads the same encoder: told to go where that one is not, it would slam the joint
+                self._lost |= _outside(self.controller.robot, state.q[7:]) > BEYOND_LIMITS
             self._fade(fault, state.stamp)
         return not self.fading
 
@@ -142,7 +149,10 @@ class Supervisor:
         self._fading_ticks += 1
         fraction = min(1.0, max(0.0, 1.0 - (t - HOLD_TIME) / FADE_TIME))
         last = self.last
-        return MotorCommand(last.q, np.zeros_like(last.v), fraction * last.tau, fraction * last.kp, last.kd, stamp)
+        tau, kp = fraction * last.tau, fraction * last.kp
+        # joints whose position is not known are only braked
+        tau[self._lost], kp[self._lost] = 0.0, 0.0
+        return MotorCommand(last.q, np.zeros_like(last.v), tau, kp, last.kd, stamp)
 
     def _describe_age(self, stamp: float) -> str | None:
         """What is wrong with the stamp of a measured state, in words; ``None`` where all is well."""
@@ -158,8 +168,8 @@ class Supervisor:
 def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
     """What cannot be in a measured state, by name; ``None`` where all is well.
 
-    Every number has to be finite and below ``LARGEST``, and the base's quaternion of length one; forces under the feet
-    may be missing.
+    Every number has to be finite and below ``LARGEST``, joints no farther outside their limits than ``BEYOND_LIMITS``,
+    and the base's quaternion of length one; forces under the feet may be missing.
     """
     nj = len(robot.joint_names)
     for values, size in ((state.q, 7 + nj), (state.v, 6 + nj)):
@@ -170,12 +180,23 @@ def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
         if not sound.all():
             i = int(np.argmin(sound))
             return f"measured {names(robot)[i]} is {values[i]:g}"
+    outside = _outside(robot, state.q[7:])
+    if (i := int(np.argmax(outside))) >= 0 and outside[i] > BEYOND_LIMITS:
+        lower, upper = (limits[i] for limits in robot.position_limits)
+        name, value = robot.joint_names[i], state.q[7 + i]
+        return f"measured position of {name} is {value:.3g}, far outside its limits of {lower:.3g} to {upper:.3g}"
     if fault := _describe_forces(robot, state):
         return fault
     length = float(state.q[3:7] @ state.q[3:7])
     if abs(length - 1) > QUATERNION_TOLERANCE:
         return f"measured base quaternion has length {length**0.5:g} instead of 1"
     return None
+
+
+def _outside(robot: RobotDescription, q: Array) -> Array:
+    """How far joints (nj,) are outside their limits [rad]; below 0 inside, NaN for a position that is none."""
+    lower, upper = robot.position_limits
+    return np.maximum(lower - q, q - upper)
 
 
 def _describe_forces(robot: RobotDescription, state: RobotState) -> str | None:

@@ -72,11 +72,32 @@ def test_a_sound_state_has_no_fault(robot: RobotDescription) -> None:
     rng = np.random.default_rng(0)
     for _ in range(100):
         state = at_rest(robot)
-        state.q[:3], state.q[7:] = rng.uniform(-100, 100, 3), rng.uniform(-7, 7, len(robot.joints))
+        lower, upper = robot.position_limits
+        # soft limits give way by some tenths of a radian at most
+        state.q[:3], state.q[7:] = rng.uniform(-100, 100, 3), rng.uniform(lower - 0.4, upper + 0.4)
         quaternion = rng.standard_normal(4)
         state.q[3:7] = quaternion / np.linalg.norm(quaternion)
         state.v[:] = rng.uniform(-100, 100, state.v.size)
         assert describe_fault(robot, state) is None
+
+
+def test_an_encoder_that_jumps_by_a_turn_is_named_and_its_joint_only_braked(robot: RobotDescription) -> None:
+    """A drive holds what it is told by the same encoder: its stiffness would slam the joint by a turn."""
+    for i in (0, 3, 8, len(robot.joints) - 1):
+        for turn in (-2 * np.pi, 2 * np.pi):
+            supervisor, reference = supervised(robot)
+            supervisor.tick(at_rest(robot), reference)
+            state = at_rest(robot, stamp=0.002)
+            command, result = supervisor.tick(with_entry(state, "q", 7 + i, state.q[7 + i] + turn), reference)
+            name, value = robot.joint_names[i], state.q[7 + i] + turn
+            assert result is None and supervisor.cause is not None
+            assert supervisor.cause.startswith(f"measured position of {name} is {value:.3g}, far outside its limits")
+            assert (command.kp[i], command.tau[i]) == (0.0, 0.0) and command.kd[i] > 0.0
+            others = np.arange(len(robot.joints)) != i
+            assert (command.kp[others] > 0.0).all()
+            # the encoder comes back: the joint stays let go
+            command, _ = supervisor.tick(at_rest(robot, stamp=0.004), reference)
+            assert command.kp[i] == 0.0
 
 
 @pytest.mark.parametrize("scale", [0.0, 0.9, 1.1])

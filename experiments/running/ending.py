@@ -11,6 +11,9 @@ from sims.plant import MujocoPlant
 INTERRUPTED = "interrupted"
 """Cause of a stop by a person: what was simulated until then counts."""
 
+UNSTABLE = "the simulation became unstable: try a smaller physics step"
+"""Cause of a stop that no robot has; it goes before what the supervisor made of the states that led there."""
+
 POST_ROLL = 0.5
 """Time that is still simulated after a fall or a stop [s]."""
 
@@ -36,7 +39,7 @@ class Ending(Observer):
         plant, agent, began = self._plant, loop.agent, loop.time - loop.agent.dt
         self.outcome.duration = plant.time
         if plant.unstable:
-            agent.hold("the simulation became unstable: try a smaller physics step")
+            agent.hold(UNSTABLE)
             return True
         if self.outcome.fell_at is None and has_fallen(plant.true_state().q, plant.sole_corners(), self._stands_at):
             self.outcome.fell_at = plant.time

@@ -15,7 +15,7 @@ from experiments.metrics.balance import convex_polygon, guarantee_figures, summa
 from experiments.metrics.catalogue import in_order
 from experiments.metrics.estimate import estimate_figures
 from experiments.recording.recording import Recording, description_digest, robot_reference
-from experiments.running.ending import Ending
+from experiments.running.ending import UNSTABLE, Ending
 from experiments.running.faults import BrokenEncoder, partly
 from experiments.running.guarded import Guarded, raise_errors_of
 from experiments.running.laps import Laps
@@ -152,6 +152,8 @@ def run_prepared(given: Prepared, observers: Sequence[Observer] = (), laps: Laps
     measured |= {"first_relaxed": recorder.first_relaxed, "filter_changed_at_s": recorder.filter_changed_at}
     measured |= guarantee_figures(series, given.control, len(robot.leg_pairs)) | scenario.measure(robot, series)
     cause = agent.stop_cause or next((o.ended_by for o in guarded if o.ended_by), None)
+    if plant.unstable:
+        cause = UNSTABLE
     stopped_at = agent.supervisor.stopped_at if agent.stop_cause else ending.outcome.duration
     summary = _head(given, cause, stopped_at) | measured | {"versions": versions()}
     laps.book("series and summary")

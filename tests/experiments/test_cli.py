@@ -580,7 +580,7 @@ def test_the_table_takes_no_option_that_it_ignores(safewbc: CommandLine) -> None
 
 def test_the_table_saves_every_run_in_its_folder(safewbc: CommandLine, monkeypatch: pytest.MonkeyPatch) -> None:
     group: list[Scenario] = [Stand(duration=0.1, plant=PlantOptions(mass_scale=m)) for m in (1.0, 1.2)]
-    monkeypatch.setattr(table, "runs", lambda: {"Short": (group, table.STAND_COLUMNS)})
+    monkeypatch.setitem(table.PAGES, "results", lambda: {"Short": (group, table.STAND_COLUMNS)})
     outcome = safewbc("table", "--jobs", "1", "--out", "t")
     assert outcome.code == 0, outcome.err
     assert "### Short" in outcome.out

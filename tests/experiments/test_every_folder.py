@@ -150,7 +150,7 @@ def test_a_sweep(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_a_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     group = [Stand(duration=0.1, plant=PlantOptions(mass_scale=1.1))]
-    monkeypatch.setattr(results_tables, "runs", lambda: {"Short": (group, results_tables.STAND_COLUMNS)})
+    monkeypatch.setitem(results_tables.PAGES, "results", lambda: {"Short": (group, results_tables.STAND_COLUMNS)})
     assert call(monkeypatch, "table", "--jobs", "1", "--out", str(tmp_path / "table")) == 0
     assert_replayed(tmp_path / "table", tmp_path, monkeypatch, 1)
 

@@ -181,7 +181,8 @@ def describe_fault(robot: RobotDescription, state: RobotState) -> str | None:
             i = int(np.argmin(sound))
             return f"measured {names(robot)[i]} is {values[i]:g}"
     outside = _outside(robot, state.q[7:])
-    if (i := int(np.argmax(outside))) >= 0 and outside[i] > BEYOND_LIMITS:
+    i = int(np.argmax(outside))
+    if outside[i] > BEYOND_LIMITS:
         lower, upper = (limits[i] for limits in robot.position_limits)
         name, value = robot.joint_names[i], state.q[7 + i]
         return f"measured position of {name} is {value:.3g}, far outside its limits of {lower:.3g} to {upper:.3g}"

@@ -1,5 +1,6 @@
 """The measured state of a robot from its own sensors: IMU in, base, contacts and forces under the feet out."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -68,7 +69,7 @@ class StateEstimator:
         filter: of the base.
         contact: which feet stand, as probabilities.
         wrenches: shape (2, 6) on the soles, sole axes [N, N m].
-        refused: number of readings that were not taken in: older than the last one, or not finite.
+        refused: number of readings that were not taken in: taken in before, older, or not finite.
     """
 
     def __init__(
@@ -91,6 +92,7 @@ class StateEstimator:
         self.wrenches = np.zeros((2, 6))
         self._sole_places, self._sole_turns = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self._last: RobotState | None = None
+        self._taken = -math.inf
         self.refused = 0
 
     def _imu_in_base(self) -> tuple[Array, Array]:
@@ -118,10 +120,13 @@ class StateEstimator:
             The state at the last of them.
 
         Raises:
-            ConfigError: no readings.
+            ConfigError: no readings, or one with a number that is none; nothing changes.
         """
         if not readings:
             raise ConfigError("readings", 0, "at least one of a robot at rest")
+        for i, reading in enumerate(readings):
+            if not _is_sound(reading):
+                raise ConfigError(f"reading {i} at {reading.stamp:g} s", "not finite", "finite numbers")
         last, kin = readings[-1], self._kin
         gyro_bias = np.mean([r.gyro for r in readings], axis=0)
         up = np.mean([r.accelerometer for r in readings], axis=0)
@@ -140,14 +145,15 @@ class StateEstimator:
         self.filter.reset(rotation @ mount, origin + rotation @ arm, soles, turned, gyro_bias)
         self.contact.reset()
         self._observer.reset()
+        self._taken = -math.inf
         self._last = replace(self._state(last), contact=self.contact.probability.copy())
         return self._last
 
     def update(self, reading: SensorReading) -> RobotState:
         """The state at a reading.
 
-        One that is older than the last, or in which a number is none, changes nothing: the last state comes back, whose
-        stamp tells that it is no new one.
+        One that was taken in before, by its stamp, or is older, or in which a number is none, changes nothing: the last
+        state comes back, whose stamp tells that it is no new one.
 
         Raises:
             ConfigError: it has not been calibrated.
@@ -155,9 +161,10 @@ class StateEstimator:
         if self._last is None:
             raise ConfigError("estimator", "not calibrated", "calibrated with readings of the robot at rest")
         dt = min(reading.stamp - self._last.stamp, LONGEST_STEP)
-        if dt < 0.0 or not _is_sound(reading):
+        if dt < 0.0 or reading.stamp == self._taken or not _is_sound(reading):
             self.refused += 1
             return self._last
+        self._taken = reading.stamp
         standing = self.contact.probability
         if dt > 0.0:
             self.filter.predict(reading.gyro, reading.accelerometer, standing, dt)

@@ -19,11 +19,6 @@ HEADER = bytes((0, 1, 0, 0))
 COMMAND_SIZE, STATE_SIZE, IMU_SIZE = 1000, 2088, 54
 """Of the payloads [bytes]."""
 
-COMMAND_WORDS, STATE_WORDS = 250, 522
-"""Words of the structs before the check sum, which is the last one."""
-
-MOTOR_COMMAND_STRIDE, MOTOR_STATE_STRIDE = 28, 56
-
 FIRST_COMMAND, FIRST_STATE = 4, 72
 """Where the first motor's ``q`` is on the wire; its ``mode`` lies two bytes before, that of every other four."""
 
@@ -32,7 +27,7 @@ MOTOR_COMMAND = np.dtype(
         "names": ["q", "dq", "tau", "kp", "kd", "reserve"],
         "formats": ["<f4"] * 5 + ["<u4"],
         "offsets": [0, 4, 8, 12, 16, 20],
-        "itemsize": MOTOR_COMMAND_STRIDE,
+        "itemsize": 28,
     }
 )
 """A motor's command from its ``q`` on; the ``mode`` of the next one lies at its end."""
@@ -42,7 +37,7 @@ MOTOR_STATE = np.dtype(
         "names": ["q", "dq", "ddq", "tau_est", "temperature", "vol", "sensor", "motorstate", "reserve"],
         "formats": ["<f4", "<f4", "<f4", "<f4", ("<i2", 2), "<f4", ("<u4", 2), "<u4", ("<u4", 4)],
         "offsets": [0, 4, 8, 12, 16, 20, 24, 32, 36],
-        "itemsize": MOTOR_STATE_STRIDE,
+        "itemsize": 56,
     }
 )
 """A motor's state likewise."""

@@ -7,62 +7,65 @@ from robots.errors import ConfigError
 from robots.unitree.crc import Words, crc32
 from robots.unitree.layout import (
     COMMAND_SIZE,
-    COMMAND_WORDS,
     FIRST_COMMAND,
     FIRST_STATE,
     HEADER,
     IMU,
     MOTOR_COMMAND,
-    MOTOR_COMMAND_STRIDE,
     MOTOR_STATE,
-    MOTOR_STATE_STRIDE,
     MOTORS,
     STATE_SIZE,
-    STATE_WORDS,
 )
 
 Bytes = NDArray[np.uint8]
 
 
-def _modes(payload: Bytes, first: int, stride: int) -> list[NDArray[np.uint8]]:
-    """Views (1,) of every motor's ``mode``: the first motor's lies two bytes before its ``q``, the others' four."""
-    places = [first - 2, *(first - 4 + stride * i for i in range(1, MOTORS))]
-    return [payload[place : place + 1] for place in places]
+class Message:
+    """Prepared bytes of one type, header and payload, sealed by the check sum in their last four.
 
+    In C's struct, over which the check sum goes, the first motor's ``mode`` lies two bytes later than on the wire, and
+    all from its ``q`` on four bytes later.
 
-class CommandMessage:
-    """``LowCmd_``: written field by field, then sealed with its check sum.
+    Args:
+        name: of the type.
+        size: of the payload [bytes].
+        first: where the first motor's ``q`` is in it.
+        motor: dtype of a motor from its ``q`` on.
+        modes: where ``mode_pr`` is, with ``mode_machine`` behind it.
 
     Attributes:
-        motors: shape (35,) of :data:`robots.unitree.layout.MOTOR_COMMAND`, a view; all zero at first.
+        size: of the whole message [bytes].
+        motors: shape (35,) of ``motor``, a view; all zero at first.
     """
 
-    def __init__(self) -> None:
-        self._bytes = np.zeros(len(HEADER) + COMMAND_SIZE, np.uint8)
+    def __init__(self, name: str, size: int, first: int, motor: "np.dtype[np.void]", modes: int) -> None:
+        self._name, self.size, self._first, self._variant = name, len(HEADER) + size, first, modes
+        self._bytes = np.zeros(self.size, np.uint8)
         self._bytes[: len(HEADER)] = np.frombuffer(HEADER, np.uint8)
         self._payload = self._bytes[len(HEADER) :]
-        end = FIRST_COMMAND + MOTOR_COMMAND_STRIDE * MOTORS
-        self.motors = self._payload[FIRST_COMMAND:end].view(MOTOR_COMMAND)
-        self._modes = _modes(self._payload, FIRST_COMMAND, MOTOR_COMMAND_STRIDE)
-        self._struct = np.zeros(COMMAND_WORDS + 1, np.uint32)
+        stride = motor.itemsize
+        self.motors = self._payload[first : first + stride * MOTORS].view(motor)
+        places = [first - 2, *(first - 4 + stride * i for i in range(1, MOTORS))]
+        self._modes = [self._payload[place : place + 1] for place in places]
+        self._struct = np.zeros(size // 4 + 1, np.uint32)
 
     @property
     def mode_pr(self) -> int:
         """0: ankles and waist as serial joints; 1: the two motors of their linkage."""
-        return int(self._payload[0])
+        return int(self._payload[self._variant])
 
     @mode_pr.setter
     def mode_pr(self, value: int) -> None:
-        self._payload[0] = value
+        self._payload[self._variant] = value
 
     @property
     def mode_machine(self) -> int:
-        """The robot's variant, as it reports it."""
-        return int(self._payload[1])
+        """The robot's variant, as it reports it: 5 with 29 joints, 6 with its waist fixed, 4 with 23."""
+        return int(self._payload[self._variant + 1])
 
     @mode_machine.setter
     def mode_machine(self, value: int) -> None:
-        self._payload[1] = value
+        self._payload[self._variant + 1] = value
 
     def enable(self, motor: int, on: bool = True) -> None:
         """Set a motor's ``mode``: 1 where it is to follow, 0 where it is off."""
@@ -73,71 +76,49 @@ class CommandMessage:
         return bool(self._modes[motor][0])
 
     def words(self) -> Words:
-        """The struct's words (250,) before the check sum."""
-        memory, payload = self._struct.view(np.uint8), self._payload
-        memory[:2] = payload[:2]
-        memory[4] = payload[2]
-        memory[8 : COMMAND_SIZE + 4] = payload[4:]
-        return self._struct[:COMMAND_WORDS]
+        """The struct's words before the check sum."""
+        memory, payload, first = self._struct.view(np.uint8), self._payload, self._first
+        memory[: first - 2] = payload[: first - 2]
+        memory[first] = payload[first - 2]
+        memory[first + 4 :] = payload[first:]
+        return self._struct[:-1]
 
     def sealed(self) -> bytes:
         """The message with its check sum, header before it: what goes out."""
-        crc = crc32(self.words())
-        self._payload[COMMAND_SIZE - 4 :] = np.frombuffer(crc.to_bytes(4, "little"), np.uint8)
+        self._payload[-4:] = np.frombuffer(crc32(self.words()).to_bytes(4, "little"), np.uint8)
         return self._bytes.tobytes()
 
     def read(self, data: bytes) -> bool:
         """Take over what came in, header included; returns whether its check sum is right.
 
         Raises:
-            ConfigError: it has not the length of a command.
+            ConfigError: it has not the length of this type, or is not little-endian CDR.
         """
-        _take(data, self._bytes, "LowCmd_")
-        return crc32(self.words()) == int.from_bytes(self._payload[COMMAND_SIZE - 4 :].tobytes(), "little")
+        if len(data) != self.size or data[:2] != HEADER[:2]:
+            raise ConfigError(self._name, f"{len(data)} bytes", f"{self.size} bytes of little-endian CDR")
+        self._bytes[:] = np.frombuffer(data, np.uint8)
+        return crc32(self.words()) == int.from_bytes(self._payload[-4:].tobytes(), "little")
 
 
-class StateMessage:
+class CommandMessage(Message):
+    """``LowCmd_``: written field by field, then sealed."""
+
+    def __init__(self) -> None:
+        super().__init__("LowCmd_", COMMAND_SIZE, FIRST_COMMAND, MOTOR_COMMAND, modes=0)
+
+
+class StateMessage(Message):
     """``LowState_``: read as it comes in, or written by who plays the robot.
 
     Attributes:
-        motors: shape (35,) of :data:`robots.unitree.layout.MOTOR_STATE`, a view.
         imu: shape (1,) of :data:`robots.unitree.layout.IMU`, that in the pelvis, a view.
         remote: shape (40,) bytes of the remote, a view.
     """
 
     def __init__(self) -> None:
-        self._bytes = np.zeros(len(HEADER) + STATE_SIZE, np.uint8)
-        self._bytes[: len(HEADER)] = np.frombuffer(HEADER, np.uint8)
-        payload = self._payload = self._bytes[len(HEADER) :]
-        end = FIRST_STATE + MOTOR_STATE_STRIDE * MOTORS
-        self.imu = payload[16:70].view(IMU)
-        self.motors = payload[FIRST_STATE:end].view(MOTOR_STATE)
-        self.remote = payload[2028:2068]
-        self._modes = _modes(payload, FIRST_STATE, MOTOR_STATE_STRIDE)
-        self._struct = np.zeros(STATE_WORDS + 1, np.uint32)
-
-    @property
-    def size(self) -> int:
-        """Of the whole message [bytes]."""
-        return int(self._bytes.size)
-
-    @property
-    def mode_pr(self) -> int:
-        """As of :attr:`CommandMessage.mode_pr`."""
-        return int(self._payload[8])
-
-    @mode_pr.setter
-    def mode_pr(self, value: int) -> None:
-        self._payload[8] = value
-
-    @property
-    def mode_machine(self) -> int:
-        """The robot's variant: 5 with 29 joints, 6 with its waist fixed, 4 with 23."""
-        return int(self._payload[9])
-
-    @mode_machine.setter
-    def mode_machine(self, value: int) -> None:
-        self._payload[9] = value
+        super().__init__("LowState_", STATE_SIZE, FIRST_STATE, MOTOR_STATE, modes=8)
+        self.imu = self._payload[16:70].view(IMU)
+        self.remote = self._payload[2028:2068]
 
     @property
     def tick(self) -> int:
@@ -147,37 +128,3 @@ class StateMessage:
     @tick.setter
     def tick(self, value: int) -> None:
         self._payload[12:16] = np.frombuffer((value & 0xFFFFFFFF).to_bytes(4, "little"), np.uint8)
-
-    def enable(self, motor: int, on: bool = True) -> None:
-        """Set a motor's ``mode``."""
-        self._modes[motor][0] = on
-
-    def words(self) -> Words:
-        """The struct's words (522,) before the check sum."""
-        memory, payload = self._struct.view(np.uint8), self._payload
-        memory[:70] = payload[:70]
-        memory[72] = payload[70]
-        memory[76 : STATE_SIZE + 4] = payload[72:]
-        return self._struct[:STATE_WORDS]
-
-    def sealed(self) -> bytes:
-        """The message with its check sum, header before it."""
-        crc = crc32(self.words())
-        self._payload[STATE_SIZE - 4 :] = np.frombuffer(crc.to_bytes(4, "little"), np.uint8)
-        return self._bytes.tobytes()
-
-    def read(self, data: bytes) -> bool:
-        """Take over what came in, header included; returns whether its check sum is right.
-
-        Raises:
-            ConfigError: it has not the length of a state.
-        """
-        _take(data, self._bytes, "LowState_")
-        return crc32(self.words()) == int.from_bytes(self._payload[STATE_SIZE - 4 :].tobytes(), "little")
-
-
-def _take(data: bytes, into: Bytes, name: str) -> None:
-    """Copy a message over another one of the same kind."""
-    if len(data) != into.size or data[:2] != HEADER[:2]:
-        raise ConfigError(name, f"{len(data)} bytes", f"{into.size} bytes of little-endian CDR")
-    into[:] = np.frombuffer(data, np.uint8)

@@ -1,10 +1,12 @@
 """Whole runs on what the robot's own sensors tell: upright, safe, and known well enough, with a heavier robot."""
 
+from typing import Literal
+
 import numpy as np
 import pytest
 
 from experiments.recording.recording import Recording
-from experiments.running.run import run
+from experiments.running.run import estimated_body, make_agent, prepare, run
 from experiments.scenarios.hand_tracking import HandTracking
 from experiments.scenarios.options import PlantOptions, SensingOptions
 from experiments.scenarios.scenario import Scenario
@@ -12,6 +14,7 @@ from experiments.scenarios.stand import Stand
 from experiments.scenarios.taichi import Taichi
 from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError, WithoutEffectError
+from sims.plant import MujocoPlant
 
 HEAVY = PlantOptions(mass_scale=1.2)
 ESTIMATED = SensingOptions(state="estimated", gyro_drift=0.003)
@@ -48,6 +51,28 @@ def test_hands_are_kept_out_of_the_torso_on_the_robots_own_sensors() -> None:
     result = run(HandTracking(duration=6.0, plant=HEAVY, sensing=ESTIMATED))
     assert_known(result)
     assert result.summary["min_h_self_collision_m"] > 0
+
+
+@pytest.mark.parametrize("state", ["estimated-base", "estimated-forces"])
+def test_a_part_of_the_estimate_is_told_beside_the_truth(state: Literal["estimated-base", "estimated-forces"]) -> None:
+    """What the agent is told: the estimate of one half, the plant's own of the other."""
+    prepared = prepare(Stand(duration=0.5, sensing=SensingOptions(state=state)))
+    plant = MujocoPlant(prepared.robot, prepared.plant)
+    body, begun = estimated_body(prepared, plant, lambda: np.array([True, True]))
+    assert begun.contact is not None
+    agent = make_agent(prepared)
+    agent.reset(plant.true_state())
+    for _ in range(50):
+        told, true, estimate = body.state(), plant.true_state(), body.estimate
+        assert estimate is not None and estimate.foot_forces is not None
+        base, forces = (estimate, true) if state == "estimated-base" else (true, estimate)
+        np.testing.assert_array_equal(told.q, base.q)
+        np.testing.assert_array_equal(told.v, base.v)
+        np.testing.assert_array_equal(told.foot_forces, forces.foot_forces)
+        assert (told.contact is None) == (state == "estimated-base")
+        body.send(agent.tick(true).command)
+        body.advance(agent.dt)
+        assert not np.array_equal(estimate.v, true.v)
 
 
 def test_the_simple_filter_is_the_worse_one() -> None:

@@ -13,8 +13,22 @@ from controllers.whole_body.mass_estimator import HEAVIEST, LIGHTEST, MassEstima
 from controllers.whole_body.robot_config import controller_config
 from robots.description import RobotDescription
 from robots.errors import ConfigError
+from robots.messages import RobotState
 from tests.support.states import at_rest
 from wbc.wrench import GRAVITY
+
+
+def test_contacts_of_the_state_go_before_its_forces() -> None:
+    """Forces alone need two ticks; a probability is what it says at once; without either there is nothing to read."""
+    detector, nothing = ContactDetector(20.0), np.zeros(1)
+    loaded, empty = np.array([300.0, 300.0]), np.zeros(2)
+    told = RobotState(nothing, nothing, nothing, 0.0, loaded, np.array([0.9, 0.1]))
+    assert detector.read(told) == (True, False)
+    assert detector.read(replace(told, foot_forces=empty)) == (True, False)
+    assert detector.read(replace(told, foot_forces=None)) == (True, False)
+    by_force = replace(told, contact=None)
+    assert [detector.read(by_force), detector.read(by_force)] == [(False, False), (True, True)]
+    assert detector.read(replace(by_force, foot_forces=None)) is None
 
 
 def test_a_foot_touches_after_two_ticks_above_the_threshold() -> None:

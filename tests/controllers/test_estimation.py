@@ -10,7 +10,11 @@ from controllers.agent import Agent
 from controllers.estimation.contact_belief import ContactBelief, ContactCues
 from controllers.estimation.estimated_body import EstimatedBody
 from controllers.estimation.estimator import BASE_FILTERS, EstimatorSettings, StateEstimator
+from controllers.estimation.invariant_filter import InvariantFilter
 from controllers.estimation.momentum_observer import SLIDES, MomentumObserver, leg_columns
+from controllers.gaits.commands import VelocityCommand
+from controllers.gaits.walking import CommandedWalk, Walking, walk_tuning
+from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
@@ -253,3 +257,117 @@ def test_the_gyros_drift_is_followed() -> None:
         estimator.update(sensors.read())
     moved = 0.003 / 60.0 * 30.0
     assert np.linalg.norm(estimator.filter.gyro_bias - sensors.gyro_bias) < 0.5 * moved
+
+
+def test_a_reading_that_was_taken_in_is_not_taken_in_again() -> None:
+    """The same news twice is no better news: neither state nor covariance move."""
+    standing = Standing("g1")
+    estimator, sensors = estimator_of(standing.plant, SensorErrors())
+    standing.advance()
+    reading = sensors.read()
+    first, kept = estimator.update(reading), estimator.filter
+    assert isinstance(kept, InvariantFilter)
+    covariance = kept.covariance.copy()
+    assert estimator.update(reading) is first
+    np.testing.assert_array_equal(kept.covariance, covariance)
+
+
+def test_a_calibration_with_a_reading_that_is_none_is_refused() -> None:
+    standing = Standing("g1")
+    estimator, sensors = estimator_of(standing.plant, NO_ERRORS)
+    before = estimator.filter.rotation.copy()
+    readings = [sensors.read_at_rest() for _ in range(3)]
+    readings[1] = replace(readings[1], gyro=np.array([0.0, np.nan, 0.0]))
+    with pytest.raises(ConfigError, match="reading 1"):
+        estimator.calibrate(readings)
+    np.testing.assert_array_equal(estimator.filter.rotation, before)
+
+
+class Turning:
+    """A G1 that walks in a turn, on the true state."""
+
+    def __init__(self, robot: RobotDescription) -> None:
+        self.plant = MujocoPlant(robot)
+        self.agent = Agent(robot, gait=self._walk, settle_time=0.0)
+        self.agent.reset(self.plant.true_state())
+
+    def _walk(self, kin: Kinematics) -> CommandedWalk:
+        return CommandedWalk(Walking(kin, walk_tuning(kin.robot)), lambda t: VelocityCommand(vx=0.1, wz=0.3))
+
+    def advance(self) -> None:
+        self.plant.send(self.agent.tick(self.plant.true_state()).command)
+        self.plant.advance(DT)
+
+
+def estimates(base: str, **mount: Array) -> tuple[Array, Array]:
+    """Estimated and true velocity and position of the base (T, 9) in a turn, with an IMU that is mounted otherwise."""
+    g1 = load_robot("g1")
+    frames = tuple(replace(f, **mount) if f.name == g1.roles["imu"] else f for f in g1.frames)
+    turning = Turning(replace(g1, frames=frames))
+    estimator, sensors = estimator_of(turning.plant, NO_ERRORS, base=base)
+    told, real = [], []
+    for _ in range(1500):
+        turning.advance()
+        state, true = estimator.update(sensors.read()), turning.plant.true_state()
+        told.append(np.concatenate([state.v[:6], state.q[:3]]))
+        real.append(np.concatenate([true.v[:6], true.q[:3]]))
+    return np.array(told), np.array(real)
+
+
+@pytest.mark.parametrize("base", BASE_FILTERS)
+def test_it_does_not_matter_how_the_imu_is_mounted(base: str) -> None:
+    """Turned on the pelvis of a robot that walks in a turn: the same estimate. Moved: the base's own velocity still."""
+    usual, true = estimates(base)
+    assert np.abs(true[:, 5]).max() > 0.1
+    turned, _ = estimates(base, rpy=np.array([0.4, 1.1, -2.0]))
+    np.testing.assert_allclose(turned, usual, rtol=0, atol=1e-9)
+    moved, true = estimates(base, xyz=np.array([0.1, -0.05, 0.0]))
+    # farther from the pelvis more of the shock of a step falls between two readings
+    assert (np.sqrt(np.mean((moved - true) ** 2, axis=0)) < 0.02).all()
+
+
+def test_on_level_ground_the_height_does_not_drift_and_elsewhere_it_does() -> None:
+    errors = {}
+    for level in (True, False):
+        turning = Turning(load_robot("g1"))
+        plant, sensors = turning.plant, Sensors(turning.plant, SensorErrors(), np.random.default_rng(0))
+        estimator = StateEstimator(plant.robot, EstimatorSettings(level_ground=level))
+        estimator.calibrate([sensors.read_at_rest() for _ in range(500)], plant.true_state().q[:7])
+        for _ in range(3000):
+            turning.advance()
+            state = estimator.update(sensors.read())
+        errors[level] = abs(state.q[2] - plant.true_state().q[2])
+    assert errors[True] < 2e-3
+    assert errors[False] > 2 * errors[True]
+
+
+# --- the simulated sensors
+
+
+def test_sensors_err_as_they_say() -> None:
+    """Biases by their length, noise by its deviation, a drift by its rate, a torque by its constant."""
+    standing = Standing("g1")
+    plant, errors = standing.plant, SensorErrors(gyro_drift=0.1, torque_scale=0.9)
+    sensors = Sensors(plant, errors, np.random.default_rng(3))
+    assert np.linalg.norm(sensors.gyro_bias) == pytest.approx(0.01)
+    assert np.linalg.norm(sensors.accelerometer_bias) == pytest.approx(0.05)
+    readings = [sensors.read() for _ in range(4000)]
+    imu = plant.imu()
+    for name, true, deviation in (
+        ("gyro", imu.gyro + sensors.gyro_bias, 0.005),
+        ("accelerometer", imu.accelerometer + sensors.accelerometer_bias, 0.05),
+        ("joint_position", plant.data.qpos[7:], 1e-4),
+        ("joint_velocity", plant.data.qvel[6:], 0.02),
+        ("torque", 0.9 * plant.torque, 0.5),
+    ):
+        values = np.array([getattr(reading, name) for reading in readings])
+        # four standard deviations of a mean, and of a deviation, over 4000
+        np.testing.assert_allclose(values.mean(axis=0), true, rtol=0, atol=4.5 * deviation / np.sqrt(4000))
+        np.testing.assert_allclose(values.std(axis=0), deviation, rtol=0.06)
+    before = sensors.gyro_bias.copy()
+    standing.advance(0.5)
+    sensors.read()
+    assert np.linalg.norm(sensors.gyro_bias - before) == pytest.approx(0.05, rel=1e-6)
+    rest = Sensors(plant, NO_ERRORS, np.random.default_rng(0)).read_at_rest()
+    np.testing.assert_array_equal(rest.gyro, 0.0)
+    assert np.linalg.norm(rest.accelerometer) == pytest.approx(9.81)

@@ -18,7 +18,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
-from robots.messages import SensorReading
+from robots.messages import Array, SensorReading
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
 from sims.plant import MujocoPlant, PlantConfig

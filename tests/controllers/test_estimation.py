@@ -18,7 +18,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.loader import load_robot
-from robots.messages import Array, SensorReading
+from robots.messages import Array, Mask, SensorReading
 from robots.mujoco_spec import PhysicalChanges
 from robots.pinocchio_model import standing_configuration
 from sims.plant import MujocoPlant, PlantConfig
@@ -58,14 +58,15 @@ def test_at_rest_the_legs_tell_what_the_feet_bear_whatever_the_trunk_weighs(robo
     assert np.abs(found[:, 2] - true[:, 2]).max() < (0.02 if mass_scale == 1.0 else 0.06) * weight
 
 
-def test_the_observer_follows_a_step_as_a_first_order_lag(robot_name: str) -> None:
-    """Against rigid-body dynamics integrated finely, with a force that begins at once."""
+@pytest.mark.parametrize("speed", [0.0, 1.0])
+def test_the_observer_follows_a_step_as_a_first_order_lag(robot_name: str, speed: float) -> None:
+    """Against rigid-body dynamics integrated finely, with a force that begins at once; also of a robot in motion."""
     robot = load_robot(robot_name)
     damping, dry = robot.joint_array("damping"), robot.joint_array("friction_loss")
     kin, K, dt = Kinematics(robot), 100.0, 5e-5
     sole = kin.frame_id(robot.soles[0].frame)
     leg = leg_columns(kin, sole)
-    q, v = standing_configuration(robot, "standing"), np.zeros(kin.nv)
+    q, v = standing_configuration(robot, "standing"), speed * np.random.default_rng(4).normal(size=kin.nv)
     observer, force = MomentumObserver(robot, K), np.array([20.0, -10.0, 200.0, 3.0, 5.0, -1.0])
     followed = []
     for k in range(400):
@@ -158,11 +159,15 @@ def test_a_robot_that_stands_is_known_to_stand(robot_name: str, base: str) -> No
     estimator, sensors = estimator_of(plant, SensorErrors(), base=base)
     bias = np.linalg.norm(estimator.filter.gyro_bias - sensors.gyro_bias)
     assert bias < 4 * 0.005 / np.sqrt(1000)
+    rates = []
     for _ in range(500):
         standing.advance()
         state = estimator.update(sensors.read())
+        rates.append(state.v[3:6] - plant.true_state().v[3:6])
     true = plant.true_state()
     assert np.abs(state.v[:6] - true.v[:6]).max() < 0.03
+    # a tenth of the gyro's bias is left in the mean, which has lost the noise
+    assert np.abs(np.mean(rates, axis=0)).max() < 2e-3
     assert np.abs(state.q[:3] - true.q[:3]).max() < 5e-3
     up = pin.Quaternion(state.q[3:7]).matrix()[2] @ pin.Quaternion(true.q[3:7]).matrix()[2]
     assert np.arccos(min(up, 1.0)) < 0.012
@@ -324,6 +329,35 @@ def test_it_does_not_matter_how_the_imu_is_mounted(base: str) -> None:
     moved, true = estimates(base, xyz=np.array([0.1, -0.05, 0.0]))
     # farther from the pelvis more of the shock of a step falls between two readings
     assert (np.sqrt(np.mean((moved - true) ** 2, axis=0)) < 0.02).all()
+
+
+class Overheard(ContactBelief):
+    """Keeps what it is told."""
+
+    def update(self, forces: Array, speeds: Array, planned: Mask | None, dt: float) -> Array:
+        self.told = forces.copy(), speeds.copy(), planned
+        return super().update(forces, speeds, planned, dt)
+
+
+def test_contacts_are_told_the_soles_speeds_their_forces_and_the_plan() -> None:
+    turning = Turning(load_robot("g1"))
+    plant, agent = turning.plant, turning.agent
+    sensors = Sensors(plant, NO_ERRORS, np.random.default_rng(0))
+    estimator = StateEstimator(plant.robot, plan=lambda: agent.reference.in_contact)
+    estimator.calibrate([sensors.read_at_rest()], plant.true_state().q[:7])
+    estimator.contact = told = Overheard(9.81 * plant.robot.total_mass)
+    before, fastest, off = plant.sole_corners().mean(axis=1), 0.0, 0.0
+    for _ in range(1500):
+        turning.advance()
+        estimator.update(sensors.read())
+        forces, speeds, planned = told.told
+        here = plant.sole_corners().mean(axis=1)
+        real, before = np.linalg.norm(here - before, axis=1) / DT, here
+        fastest, off = max(fastest, real.max()), max(off, float(np.abs(speeds - real).mean()))
+        np.testing.assert_array_equal(forces, estimator.wrenches[:, 2])
+        np.testing.assert_array_equal(planned, agent.reference.in_contact)
+    assert fastest > 0.3
+    assert off < 0.2 * fastest
 
 
 def test_on_level_ground_the_height_does_not_drift_and_elsewhere_it_does() -> None:

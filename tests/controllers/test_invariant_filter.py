@@ -175,6 +175,25 @@ def test_the_integral_of_the_exponential_is_what_it_says() -> None:
         np.testing.assert_allclose(left_jacobian(v), np.trapezoid(turns, s, axis=0), rtol=0, atol=1e-6)
 
 
+def test_an_imu_that_is_swung_round_is_followed_to_second_order() -> None:
+    """On a circle about the vertical, with exact readings: the error falls with the square of the step."""
+    rate, radius, time = 4.0, 0.3, 0.4
+    level, errors = np.stack([np.eye(3)] * 2), []
+    for dt in (0.004, 0.002):
+        filter_ = InvariantFilter()
+        filter_.reset(np.eye(3), np.array([radius, 0.0, 1.0]), np.zeros((2, 3)), level, np.zeros(3))
+        filter_.velocity = np.array([0.0, rate * radius, 0.0])
+        for _ in range(round(time / dt)):
+            # the rate of the IMU, and its pull to the middle of the circle
+            filter_.predict(np.array([0.0, 0.0, rate]), np.array([-(rate**2) * radius, 0.0, 9.81]), BOTH, dt)
+        angle = rate * time
+        place = radius * np.array([np.cos(angle), np.sin(angle)])
+        errors.append(np.linalg.norm(filter_.position[:2] - place))
+        assert filter_.position[2] == pytest.approx(1.0, abs=2e-3)
+    assert errors[0] < 1e-4
+    assert errors[0] / errors[1] == pytest.approx(4.0, rel=0.3)
+
+
 @pytest.mark.parametrize("tilt", [0.05, 0.5, 1.5])
 def test_a_wrong_start_converges_while_the_feet_stand(tilt: float) -> None:
     """At rest on level soles, with exact readings: the same answer from a start that is far off."""

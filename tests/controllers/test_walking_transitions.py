@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -24,7 +25,7 @@ from controllers.gaits.walking.transitions import (
 )
 from robots.loader import load_robot
 from robots.messages import Array
-from tests.support.ideal_walk import DT, ideal_body
+from tests.support.ideal_walk import DT, IdealWalk, ideal_body
 
 TUNING = WalkTuning()
 STEPPING = VelocityCommand(stepping=True)
@@ -159,3 +160,20 @@ def test_a_step_that_closes_ends_in_standing_unless_the_robot_falls_or_is_told_t
     assert isinstance(touch_down(RULES, phase, on_plan(phase, t), t, STEPPING), DoubleSupport)
     assert isinstance(touch_down(RULES, phase, on_plan(phase, t, (0.3, 0.0)), t, STOP), DoubleSupport)
     assert isinstance(touch_down(RULES, replace(phase, closes=False), on_plan(phase, t), t, STOP), DoubleSupport)
+
+
+def test_a_step_ends_by_the_contact_that_the_state_tells_whatever_its_forces_say() -> None:
+    """The same steps as with forces, of which two ticks have to agree: each lands up to two ticks sooner."""
+    landings = []
+    for by_contact in (False, True):
+        walk = IdealWalk()
+        walk.by_contact = by_contact
+        walk.walking.command = VelocityCommand(vx=0.2)
+        walk.run(5.0)
+        landings.append([tick.t for before, tick in pairwise(walk.ticks) if tick.steps > before.steps])
+    forces, contacts = landings
+    assert len(forces) == len(contacts) >= 4
+    sooner = np.array(forces) - np.array(contacts)
+    steps = np.arange(1, len(forces) + 1)
+    assert (sooner >= 0).all() and (sooner <= 2.01 * DT * steps).all()
+    assert sooner[0] > 0

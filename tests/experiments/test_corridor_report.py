@@ -136,3 +136,7 @@ def test_a_second_call_takes_the_runs_that_are_there_and_makes_the_rest(
     now = {path.name: path.read_bytes() for path in (tmp_path / "here" / "rows").iterdir()}
     assert kept.items() < now.items()
     assert len(now) == 2
+    # fewer filters, then one that the call before left out: the rows are there, so it is no other study
+    for name in ("cbf", "none"):
+        assert call(tmp_path, monkeypatch, *arguments, name) == 0
+    assert {path.name: path.read_bytes() for path in (tmp_path / "here" / "rows").iterdir()} == now

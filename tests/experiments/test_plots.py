@@ -50,6 +50,9 @@ def test_an_estimate_is_drawn_where_there_is_one() -> None:
     figures = estimate_figures(dict(known.series))
     assert figures["height_error_m"] == pytest.approx(0.01)
     assert figures["base_velocity_error_m_s"] == pytest.approx(0.0, abs=1e-12)
+    faster = told["v_estimated"] + np.concatenate([[0.02, 0.0, 0.0], np.zeros(result.series["v"].shape[1] - 3)])
+    figures = estimate_figures(dict(known.series) | {"v_estimated": faster})
+    assert figures["base_velocity_error_m_s"] == pytest.approx(0.02)
     for draw in (estimate.estimate_plot, estimate.contact_plot):
         png = draw([known, result])
         assert png is not None and Image.open(io.BytesIO(png)).width > 600

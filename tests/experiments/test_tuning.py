@@ -20,11 +20,12 @@ from experiments.scenarios.options import PlantOptions
 from experiments.scenarios.resolve import plant_config
 from experiments.studies import tune as tuning
 from experiments.studies.index import read_study
+from experiments.studies.store import RowStore
 from experiments.studies.study_options import TuneOptions
 from experiments.studies.tune import check_tune, possible_runs, slopes, start_choices
 from experiments.studies.tuner import GROWTH, SPARE, Choice, Tuner, rounded_down, rounded_up
 from experiments.studies.tuning_measure import Measured, family_epsilon, weighed_push
-from experiments.studies.tuning_rounds import Seen, margins_of, row_of, seen_in
+from experiments.studies.tuning_rounds import MeasuredRun, Seen, margins_of, row_of, seen_in
 from experiments.studies.tuning_scenarios import TuningRun, corner_plants, payload, posture_ratios, torso_targets
 from experiments.studies.work import WorkOptions
 from robots.errors import ConfigError
@@ -294,6 +295,30 @@ def test_a_whole_tuning_writes_a_file_that_runs_take(tmp_path: Path) -> None:
     assert {path: path.stat().st_mtime_ns for path in (tmp_path / "tuned" / "rows").iterdir()} == rows
     study = read_study(tmp_path / "tuned")
     assert [row.labels["run"] for row in study.rows()] == ["target"] * len(rows)
+
+
+def test_a_run_is_made_with_its_parameters_and_known_by_all_that_decides_its_row(tmp_path: Path) -> None:
+    run = TuningRun("target", ("self_collision",), HandTracking(motion="target", duration=1.2))
+    margins = margins_of(TuneOptions())
+    bold, shy = ({"self_collision": {"alpha": 8.0, "epsilon": epsilon}} for epsilon in (20.0, 0.5))
+    store = RowStore(tmp_path)
+    least = [MeasuredRun(run, p, margins, "g1")(store)["self_collision_least"] for p in (bold, shy)]
+    # the smaller epsilon keeps more room
+    assert least[1] > least[0] + 1e-3
+    assert len(list((tmp_path / "parameters").glob("*.toml"))) == 2
+    other = TuningRun("target", ("self_collision", "joint_limit"), run.options)
+    longer = TuningRun("target", run.families, dataclasses.replace(run.options, duration=1.3))
+    keys = [
+        MeasuredRun(*content, "g1").key
+        for content in (
+            (run, bold, margins),
+            (run, shy, margins),
+            (run, bold, margins | {"self_collision": 0.005}),
+            (other, bold, margins),
+            (longer, bold, margins),
+        )
+    ]
+    assert len(set(keys)) == len(keys)
 
 
 def test_what_a_row_of_a_run_keeps_is_what_was_measured() -> None:

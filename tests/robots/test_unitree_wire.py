@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.messages import MotorCommand, SensorReading
+from robots.messages import Array, MotorCommand, SensorReading
 from robots.unitree.crc import crc32
 from robots.unitree.g1 import MODE_MACHINE, MOTOR_NAMES, G1Joints
 from robots.unitree.layout import COMMAND_SIZE, HEADER, MOTORS, STATE_SIZE
@@ -212,6 +212,38 @@ def test_a_joint_is_in_the_slot_that_has_its_name(g1: RobotDescription) -> None:
     again = joints.read_command(message, 0.25)
     for name in ("q", "v", "tau", "kp", "kd"):
         np.testing.assert_allclose(getattr(again, name), getattr(command, name), rtol=1e-6)
+
+
+class Reordered:
+    """A description whose joints come in reverse."""
+
+    def __init__(self, g1: RobotDescription) -> None:
+        self._g1 = g1
+        self.joint_names = g1.joint_names[::-1]
+        lower, upper = g1.position_limits
+        self.position_limits = lower[::-1], upper[::-1]
+
+    def joint_array(self, name: str) -> Array:
+        return self._g1.joint_array(name)[::-1]
+
+
+def test_the_order_of_a_description_does_not_matter(g1: RobotDescription) -> None:
+    """The same motion of the same joints is the same message."""
+    command, usual, reverse = command_of(g1), CommandMessage(), CommandMessage()
+    G1Joints(g1).write(command, usual, MODE_MACHINE)
+    turned = MotorCommand(
+        *(getattr(command, name)[::-1] for name in ("q", "v", "tau", "kp", "kd")), stamp=command.stamp
+    )
+    joints = G1Joints(Reordered(g1))
+    joints.write(turned, reverse, MODE_MACHINE)
+    assert reverse.sealed() == usual.sealed()
+    np.testing.assert_allclose(joints.read_command(usual, 0.0).q, turned.q, rtol=1e-6)
+    state = StateMessage()
+    reading = SensorReading(turned.q, turned.v, turned.tau, np.zeros(3), np.zeros(3), 0.0)
+    joints.write_state(reading, np.array([0.0, 0.0, 0.0, 1.0]), state, 1)
+    there = G1Joints(g1).reading(state, 0.0)
+    for name, values in (("joint_position", command.q), ("joint_velocity", command.v), ("torque", command.tau)):
+        np.testing.assert_allclose(getattr(there, name), values, rtol=1e-6)
 
 
 def test_what_goes_out_is_within_the_limits(g1: RobotDescription) -> None:

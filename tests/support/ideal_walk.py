@@ -113,6 +113,7 @@ class IdealWalk:
         walking: the gait.
         reference: that the gait writes.
         ticks: so far.
+        by_contact: whether contacts are told as probabilities, and forces that say nothing.
     """
 
     def __init__(self, tuning: WalkTuning | None = None, planner: FootstepPlanner | None = None) -> None:
@@ -122,9 +123,13 @@ class IdealWalk:
         self.tuning = tuning or walk_tuning(robot)
         self.walking = Walking(self.body, self.tuning, planner)
         self.state, self.t, self.ticks = at_rest(robot), 0.0, list[Tick]()
+        self.by_contact = False
 
     def tick(self) -> Tick:
         state = replace(self.state, foot_forces=self.body.forces())
+        if self.by_contact:
+            stands = self.body.soles[:, 2] <= self.body.ground + 1e-9
+            state = replace(state, foot_forces=np.zeros(2), contact=np.where(stands, 0.8, 0.2))
         self.walking.apply(self.reference, self.t, state, self.body)
         reference, dcm = self.reference, self.reference.dcm
         assert dcm is not None

@@ -1,10 +1,12 @@
 """Watches the controller: what is wrong ends in a stop that is not left again, with its cause kept."""
 
 import logging
+import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from controllers.motion_limits import MotionWatch
 from controllers.reference import WholeBodyReference
 from controllers.whole_body.controller import TickResult, WholeBodyController
 from robots.checks import all_finite
@@ -43,6 +45,9 @@ class Supervisor:
     ``HOLD_TIME``, then torques and position gains fade over ``FADE_TIME`` and the velocity gains brake what is left. No
     biped stands for long without its state: this gives a person time, and lets the robot down instead of dropping it.
 
+    Where the robot has passed a limit of tilt, height or rates (:mod:`controllers.motion_limits`), or somebody asks for
+    it (:meth:`damp`), the motors brake at once, with the description's velocity gains and nothing else.
+
     A stop that keeps balance, where the state is sound but the task cannot go on, is the agent's
     (:meth:`controllers.agent.Agent.hold`); its cause is latched here, so that the first cause of either kind stays.
 
@@ -66,6 +71,11 @@ class Supervisor:
         self._stamp = -np.inf
         self._repeated = 0
         self._last: MotorCommand | None = None
+        kin = controller.kin
+        self._soles = [kin.frame_id(sole.frame) for sole in controller.robot.soles]
+        self._watch = MotionWatch(
+            controller.robot, controller.config.limits, controller.robot.posture("standing").base_height
+        )
 
     @property
     def last(self) -> MotorCommand:
@@ -81,6 +91,11 @@ class Supervisor:
         """Whether the motors are being faded out."""
         return self._fading_ticks >= 0
 
+    @property
+    def damping(self) -> bool:
+        """Whether the motors only brake: at once, or once they have been faded out."""
+        return self._fading_ticks * self.controller.config.dt >= HOLD_TIME + FADE_TIME
+
     def latch(self, cause: str, stamp: float) -> None:
         """Keep ``cause`` and ``stamp`` [s] of a stop, unless there was one before."""
         if self.cause is None:
@@ -93,8 +108,15 @@ class Supervisor:
             if state.q.size == 7 + self._lost.size:
                 # the drive reads the same encoder: told to go where that one is not, it would slam the joint
                 self._lost |= _outside(self.controller.robot, state.q[7:]) > BEYOND_LIMITS
-            self._fade(fault, state.stamp)
+            self.fade(fault, state.stamp)
+        elif not self.fading and (beyond := self._watch.inspect(state, self._height(state))) is not None:
+            self.damp(beyond, state.stamp)
         return not self.fading
+
+    def _height(self, state: RobotState) -> float:
+        """Of the base over the lower sole, where the soles were in the last tick [m]."""
+        kin = self.controller.kin
+        return float(state.q[2]) - min(float(kin.frame_placement(sole)[1][2]) for sole in self._soles)
 
     def tick(
         self, state: RobotState, reference: WholeBodyReference, obstacles: Sequence[Obstacle] = ()
@@ -118,14 +140,14 @@ class Supervisor:
         try:
             result = self.controller.respond(state, reference, obstacles)
         except (ValueError, np.linalg.LinAlgError) as error:
-            self._fade(f"the controller gives no command: {error}", state.stamp)
+            self.fade(f"the controller gives no command: {error}", state.stamp)
             return self._fading_command(state.stamp), None
         except Exception as error:
             LOGGER.exception("the controller gives no command: the motors fade out")
-            self._fade(f"the controller gives no command: {type(error).__name__}: {error}", state.stamp)
+            self.fade(f"the controller gives no command: {type(error).__name__}: {error}", state.stamp)
             return self._fading_command(state.stamp), None
         if not all_finite(result.command.q, result.command.v, result.command.tau):
-            self._fade("the controller's command is not finite", state.stamp)
+            self.fade("the controller's command is not finite", state.stamp)
             return self._fading_command(state.stamp), result
         self._last = result.command
         self._count_failures(result, state.stamp)
@@ -137,11 +159,25 @@ class Supervisor:
         if self._failures >= MAX_FAILURES:
             why = f": {result.safety.cause}" if result.safety.cause else ""
             what = f"filter {result.safety.status.name.lower()}{why}, DynWBC {result.dynwbc.status}"
-            self._fade(f"no solution for {MAX_FAILURES} ticks ({what})", stamp)
+            self.fade(f"no solution for {MAX_FAILURES} ticks ({what})", stamp)
 
-    def _fade(self, cause: str, stamp: float) -> None:
+    def fade(self, cause: str, stamp: float, lost: Mask | None = None) -> None:
+        """Fade the motors out for good.
+
+        Args:
+            cause: in words.
+            stamp: of the state at which it was found [s].
+            lost: shape (nj,) joints whose position is not known: they are only braked.
+        """
+        if lost is not None:
+            self._lost |= lost
         self.latch(cause, stamp)
         self._fading_ticks = max(0, self._fading_ticks)
+
+    def damp(self, cause: str, stamp: float) -> None:
+        """Only brake from now on, for good, for ``cause``; ``stamp`` of the state at which it was found [s]."""
+        self.latch(cause, stamp)
+        self._fading_ticks = max(self._fading_ticks, math.ceil((HOLD_TIME + FADE_TIME) / self.controller.config.dt))
 
     def _fading_command(self, stamp: float) -> MotorCommand:
         """The last command with its velocities at zero, held, then faded out."""

@@ -28,6 +28,7 @@ FLOORS = {
     "controllers": (
         "balance",
         "perception",
+        "motion_limits",
         "estimation",
         "obstacle_tracker",
         "policies",
@@ -37,8 +38,19 @@ FLOORS = {
         "gaits",
         "supervisor",
         "agent",
+        "deployment",
     ),
-    "experiments": ("recording", "metrics", "reports", "scenarios", "running", "benchmarks", "studies", "cli"),
+    "experiments": (
+        "recording",
+        "metrics",
+        "reports",
+        "scenarios",
+        "running",
+        "rehearsal",
+        "benchmarks",
+        "studies",
+        "cli",
+    ),
 }
 """Sub-packages and modules of a package, from the ground up: each imports only what stands before it."""
 

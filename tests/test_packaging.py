@@ -34,7 +34,7 @@ LOCK = {canonicalize_name(m[1]): m[2] for line in LOCK_LINES if (m := PIN.fullma
 OF_AN_EXTRA = {"g1": ("robots/unitree/idl.py", "robots/unitree/dds.py")}
 """Modules that cannot be imported without an extra; nothing imports them but under TYPE_CHECKING."""
 
-LAZY_EXTRAS = ("study", "cluster")
+LAZY_EXTRAS = ("study", "cluster", "mcap")
 """Extras whose projects our packages import, inside the functions that need them."""
 
 

@@ -107,7 +107,9 @@ class StateEstimator:
         rotation, position = self._kin.frame_placement(self._imu)
         return rotation.copy(), position.copy()
 
-    def calibrate(self, readings: Sequence[SensorReading], base: Array | None = None) -> RobotState:
+    def calibrate(
+        self, readings: Sequence[SensorReading], base: Array | None = None, gyro_bias: Array | None = None
+    ) -> RobotState:
         """Begin with a robot at rest, hanging or standing: the gyro's mean is its bias, gravity says what is up.
 
         Args:
@@ -115,6 +117,7 @@ class StateEstimator:
             base: shape (7,) position [m] and quaternion x, y, z, w of the base, where it is known better: at the start
                 of a simulation. Otherwise the lower sole is on the ground at the world's origin and the base looks
                 along x.
+            gyro_bias: shape (3,) where it is known from longer rest than these readings [rad/s].
 
         Returns:
             The state at the last of them.
@@ -128,7 +131,7 @@ class StateEstimator:
             if not _is_sound(reading):
                 raise ConfigError(f"reading {i} at {reading.stamp:g} s", "not finite", "finite numbers")
         last, kin = readings[-1], self._kin
-        gyro_bias = np.mean([r.gyro for r in readings], axis=0)
+        bias = np.mean([r.gyro for r in readings], axis=0) if gyro_bias is None else gyro_bias
         up = np.mean([r.accelerometer for r in readings], axis=0)
         self._q[7:] = last.joint_position
         kin.update_geometry(self._q)
@@ -142,7 +145,7 @@ class StateEstimator:
             rotation, origin = pin.Quaternion(base[3:7]).matrix(), base[:3]
         soles = np.array([origin + rotation @ position for _, position in places])
         turned = np.array([rotation @ r for r, _ in places])
-        self.filter.reset(rotation @ mount, origin + rotation @ arm, soles, turned, gyro_bias)
+        self.filter.reset(rotation @ mount, origin + rotation @ arm, soles, turned, bias)
         self.contact.reset()
         self._observer.reset()
         self._taken = -math.inf

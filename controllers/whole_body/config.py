@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from controllers.motion_limits import MotionLimits
 from controllers.whole_body.feedforward import TORQUE_MODES
 from robots.checks import require_between, require_non_negative, require_one_of, require_positive
 from robots.errors import ConfigError
@@ -222,6 +223,7 @@ class ControllerConfig:
         balance: feedback of the DCM.
         dynwbc: DynWBC.
         dynwbc_solver: QP solver of DynWBC.
+        limits: of tilt, height and rates, beyond which the motors only brake.
     """
 
     dt: float = 0.002
@@ -240,6 +242,7 @@ class ControllerConfig:
     balance: BalanceTuning = field(default_factory=BalanceTuning)
     dynwbc: DynWbcWeights = field(default_factory=DynWbcWeights)
     dynwbc_solver: str = "daqp"
+    limits: MotionLimits = field(default_factory=MotionLimits)
 
     def __post_init__(self) -> None:
         require_between("control dt", self.dt, 1e-4, 0.02)

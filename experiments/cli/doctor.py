@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from rich.console import Console
 
+from experiments.scenarios.options import DoctorOptions, refuse_without
 from robots.errors import ConfigError
 
 PACKAGES = ("robots", "wbc", "safety", "controllers", "sims", "experiments")
@@ -118,9 +119,19 @@ CHECKS: tuple[tuple[str, Callable[[], str], bool], ...] = (
 """Name, check, whether the stack cannot run without it."""
 
 
-def doctor() -> int:
-    """Run all checks and print them; returns 0, or 1 where something that is needed does not work."""
+def doctor(options: DoctorOptions | None = None) -> int:
+    """Run all checks and print them; returns 0, or 1 where something that is needed does not work.
+
+    Raises:
+        WithoutEffectError: an option has no effect without ``g1``.
+    """
     console = Console(soft_wrap=True)
+    if options is not None:
+        refuse_without(options, options.g1, ("interface", "domain"), "--g1")
+        if options.g1:
+            from experiments.cli.doctor_g1 import doctor_g1
+
+            return doctor_g1(options.interface, options.domain, console)
     console.print(f"Python {sys.version.split()[0]}, {sys.executable}")
     failed = False
     for name, check, needed in CHECKS:

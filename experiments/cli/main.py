@@ -9,6 +9,7 @@ from typing import Annotated, Any, Generic, TypeVar, Union
 
 import tyro
 
+from experiments.scenarios.hardware_options import DeployCommon, MotorCheckOptions, RehearseOptions, TwinOptions
 from experiments.scenarios.options import (
     BenchOptions,
     DemoOptions,
@@ -72,6 +73,35 @@ STUDIES = (
 """Sets of runs that are made together."""
 
 
+DEPLOYED = ("stand", "taichi", "walk", "hand-tracking")
+"""Scenarios that a robot can be told to do."""
+
+
+class DeployCommand:
+    """A task of a robot, ``task``, and how the robot is reached, ``common``."""
+
+
+def deploy_command() -> Any:
+    """The command ``deploy`` as tyro sees it."""
+    tasks = [
+        Annotated[scenario, tyro.conf.subcommand(scenario.name, description=inspect.cleandoc(scenario.__doc__ or ""))]
+        for scenario in SCENARIOS
+        if scenario.name in DEPLOYED
+    ]
+    tasks.append(Annotated[MotorCheckOptions, tyro.conf.subcommand("motor-check")])
+    choices: Any = Union[tuple(tasks)]  # noqa: UP007 - made at run time
+    return make_dataclass(
+        "DeployCommand",
+        [
+            ("common", Annotated[DeployCommon, tyro.conf.arg(name="")]),
+            ("task", Annotated[choices, tyro.conf.arg(name="")]),
+        ],
+        bases=(DeployCommand,),
+        namespace={"__doc__": inspect.cleandoc(DeployCommon.__doc__ or "")},
+        frozen=True,
+    )
+
+
 def run_command(own: str | None = None) -> Any:
     """The command ``run`` as tyro sees it; ``own``: ``module:Class`` of a scenario from outside the project."""
     scenarios = [subcommand(scenario, scenario.name) for scenario in SCENARIOS]
@@ -98,6 +128,9 @@ def command_line(own: str | None = None) -> Any:
         | Annotated[TableOptions, tyro.conf.subcommand("table")]
         | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
         | Annotated[DoctorOptions, tyro.conf.subcommand("doctor")]
+        | Annotated[TwinOptions, tyro.conf.subcommand("twin")]
+        | Annotated[RehearseOptions, tyro.conf.subcommand("rehearse")]
+        | Annotated[deploy_command(), tyro.conf.subcommand("deploy")]
     )
 
 
@@ -131,10 +164,12 @@ COMMANDS: dict[type, str] = {
     PivotOptions: "studies.pivot:show_pivot",
     PushSearchOptions: "studies.pushes:pushes",
     RandomWalksOptions: "studies.random_walks:random_walks",
+    RehearseOptions: "rehearsal.rehearse:rehearse",
     ReplayOptions: "cli.replay:replay",
     RobustnessOptions: "studies.robustness:robustness",
     TableOptions: "studies.results_tables:table",
     TuneOptions: "studies.tune:tune",
+    TwinOptions: "cli.twin:twin",
 }
 """Where the commands are that are no scenario: ``module:function``, by options."""
 
@@ -144,7 +179,7 @@ def dispatch(command: object) -> int:
     from experiments.cli.doctor import check_mujoco, doctor
 
     if isinstance(command, DoctorOptions):
-        return doctor()
+        return doctor(command)
     check_mujoco()
     options: Any = getattr(command, "experiment", command)
     if isinstance(options, RunScenario):
@@ -155,5 +190,9 @@ def dispatch(command: object) -> int:
         from experiments.studies.sweep import sweep
 
         return sweep(options)
+    if isinstance(options, DeployCommand):
+        from experiments.cli.deploy import deploy
+
+        return deploy(options)
     module, name = COMMANDS[type(options)].split(":")
     return int(getattr(import_module(f"experiments.{module}"), name)(options))

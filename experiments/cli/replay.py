@@ -6,15 +6,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from experiments.cli.replay_deployment import replay_deployment
 from experiments.metrics.balance import versions
 from experiments.recording.plain import plain
 from experiments.recording.recording import Recording, load_recording
+from experiments.running.deployment_replay import log_in
 from experiments.running.ending import INTERRUPTED, InterruptionAt
 from experiments.running.recorder import Progress
 from experiments.running.run import run
 from experiments.running.terminal import make_console, progress
 from experiments.running.warmup import warm_up
-from experiments.scenarios.options import ReplayOptions
+from experiments.scenarios.options import ReplayOptions, refuse_without
 from experiments.scenarios.registry import SCENARIO_FOLDER, read_scenario
 from experiments.scenarios.scenario import Runnable
 from robots.errors import ConfigError
@@ -30,11 +32,14 @@ ROBOT = "robot_digest"
 
 
 def replay(options: ReplayOptions) -> int:
-    """Run a saved run again and print what differs; 0 where nothing does, else 1.
+    """Run a saved run again, or compute a deployment's commands, and print what differs; 0 where nothing does, else 1.
 
     Raises:
         SafeWbcError: the folder holds no run of this project, or one of its options is not allowed here.
     """
+    if (log := log_in(options.folder)) is not None:
+        return replay_deployment(log, options)
+    refuse_without(options, False, ("report", "mcap"), "the log of a deployment")
     console = make_console()
     saved = load_recording(options.folder)
     if "scenario" not in saved.config:

@@ -153,13 +153,28 @@ class BenchOptions:
 class ReplayOptions:
     """Run a saved run again by its config.json, and say whether every recorded array but the times is the same.
 
-    The exit code is 0 where all are the same bit by bit, 1 where not.
+    Of a deployment, every command is computed again from the log and compared. The exit code is 0 where all are the
+    same bit by bit, 1 where not.
     """
 
     folder: tyro.conf.Positional[Path]
-    """Folder of a run: with config.json, summary.json and series.npz."""
+    """Folder of a run: with config.json, summary.json and series.npz; or of a deployment: with log.bin, or that
+    file."""
+    report: bool = False
+    """Only of a deployment: write what was measured, estimated and told, with a page, to the folder run beside its
+    log."""
+    mcap: Path | None = None
+    """Only of a deployment: write its states, commands and events to this MCAP file."""
 
 
 @dataclass(frozen=True)
 class DoctorOptions:
-    """Check the installation: imports, solvers, kernels, rendering."""
+    """Check the installation: imports, solvers, kernels, rendering. With --g1: the way to a robot."""
+
+    g1: bool = False
+    """Check what is needed before the first connection to a G1 instead, and listen to it; nothing is sent to its
+    motors."""
+    interface: str = "eth0"
+    """Only with --g1: network interface to the robot; lo for a twin on this machine."""
+    domain: int = 0
+    """Only with --g1: DDS domain; 0 is the robot's, 1 the twin's [-]."""

@@ -1,99 +1,60 @@
-"""A G1 on the network as a body: its states in, motor commands out."""
+"""A G1 on the network: its states as they come in, commands out, who else commands it, its battery."""
 
 import time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from robots.description import RobotDescription
-from robots.errors import SafeWbcError
-from robots.messages import MotorCommand, SensorReading
-from robots.unitree.g1 import G1Joints
-from robots.unitree.messages import CommandMessage, StateMessage
-from robots.unitree.remote import Remote, read_remote
+from robots.unitree.layout import BATTERY, unpacked
 
 if TYPE_CHECKING:
     from robots.unitree.dds import Network
 
+LOOK = 1e-4
+"""Pause between two looks for a state [s]."""
 
-class NoStateError(SafeWbcError):
-    """No sound state has come from the robot."""
+WAITING = 64
+"""States that may wait to be taken; older ones make room."""
 
 
-class G1Body:
-    """What a G1 measures and is told, over DDS; it does not move by itself, and nothing is sent but by :meth:`send`.
+class G1Port:
+    """Topics of one robot; nothing is sent but by :meth:`send`."""
 
-    Attributes:
-        joints: of the description, in the robot's slots.
-        message: the last sound state, as it came.
-        broken: number of states whose check sum was wrong, or whose length was none; they are not taken in.
-        sent: number of commands.
-    """
+    def __init__(self, network: "Network") -> None:
+        self._states, self._commands = network.reader("rt/lowstate", depth=WAITING), network.writer("rt/lowcmd")
+        self._others = network.reader("rt/lowcmd", own=False, depth=WAITING)
+        self._batteries = network.reader("rt/lf/bmsstate")
+        self._charge = float("nan")
+        self.sent = 0
 
-    def __init__(self, network: "Network", robot: RobotDescription) -> None:
-        """On a network, for the description of a G1.
+    def receive(self, until: float) -> list[tuple[bytes, float]]:
+        """States that have come, oldest first, each with the monotonic time at which it was taken [s].
 
-        Raises:
-            ConfigError: the description has other joints than the robot.
+        Waits for one until the monotonic time ``until`` [s]; empty where none has come.
         """
-        self.joints = G1Joints(robot)
-        self._states, self._commands = network.reader("rt/lowstate"), network.writer("rt/lowcmd")
-        self.message, self._next, self._command = StateMessage(), StateMessage(), CommandMessage()
-        self._reading: SensorReading | None = None
-        self.broken = self.sent = 0
-
-    def read(self) -> SensorReading:
-        """The last sound state; its stamp is this machine's monotonic time at which it was taken in [s].
-
-        Raises:
-            NoStateError: none has come yet.
-        """
-        for data in self._states.take():
-            self._take_in(data)
-        if self._reading is None:
-            raise NoStateError("no sound state has come from the robot on rt/lowstate")
-        return self._reading
-
-    def _take_in(self, data: bytes) -> None:
-        if len(data) != self._next.size or not self._next.read(data):
-            self.broken += 1
-            return
-        self.message, self._next = self._next, self.message
-        self._reading = self.joints.reading(self.message, time.monotonic())
-
-    def wait(self, timeout: float) -> bool:
-        """Wait for a new sound state; returns whether one came within ``timeout`` [s]."""
-        before, end = self._reading, time.monotonic() + timeout
         while True:
-            for data in self._states.take():
-                self._take_in(data)
-            if self._reading is not before:
-                return True
-            if time.monotonic() >= end:
-                return False
-            time.sleep(1e-4)
+            now = time.monotonic()
+            if found := [(data, now) for data in self._states.take()]:
+                return found
+            if now >= until:
+                return []
+            time.sleep(LOOK)
 
-    def send(self, command: MotorCommand) -> None:
-        """See :meth:`robots.ports.Body.send`: within the limits, sealed, and as the variant that the robot reports.
-
-        Raises:
-            ConfigError: the command has a number that is none, or the robot is not one of 29 joints; nothing is sent.
-        """
-        self.joints.write(command, self._command, self.message.mode_machine)
-        self._commands.send(self._command.sealed())
+    def send(self, command: bytes) -> None:
+        """Send a sealed command."""
+        self._commands.send(command)
         self.sent += 1
 
-    def advance(self, dt: float) -> None:
-        """See :meth:`robots.ports.Body.advance`: the robot sets the pace; wait for its next state, ``dt`` at most."""
-        self.wait(dt)
+    def strangers(self) -> int:
+        """Number of commands of others on the robot's topic since the last time."""
+        return sum(1 for _ in self._others.take())
+
+    def battery(self) -> float:
+        """Charge as last heard [%]; NaN where nothing has been."""
+        newest = self._batteries.newest()
+        if newest is not None:
+            self._charge = float(unpacked(newest, BATTERY)["soc"][0])
+        return self._charge
 
     @property
-    def remote(self) -> Remote:
-        """The remote, as of the last sound state."""
-        return read_remote(self.message.remote)
-
-    def hottest(self) -> tuple[str, float]:
-        """The joint that is hottest, and how hot [degrees Celsius]."""
-        heat = self.message.motors["temperature"][self.joints.slots].max(axis=1)
-        i = int(np.argmax(heat))
-        return self.joints.robot.joint_names[i], float(heat[i])
+    def commanded(self) -> bool:
+        """Whether anybody receives the commands."""
+        return self._commands.readers > 0

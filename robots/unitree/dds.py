@@ -7,6 +7,7 @@ from xml.sax.saxutils import quoteattr
 
 from cyclonedds.domain import Domain, DomainParticipant
 from cyclonedds.pub import DataWriter
+from cyclonedds.qos import Policy, Qos
 from cyclonedds.sub import DataReader
 from cyclonedds.topic import Topic
 
@@ -74,13 +75,19 @@ class Network:
         """
         return Writer(DataWriter(self._participant, self._topic(topic)))
 
-    def reader(self, topic: str) -> "Reader":
+    def reader(self, topic: str, own: bool = True, depth: int = 1) -> "Reader":
         """What receives on one of the robot's topics.
+
+        Args:
+            topic: by its name.
+            own: whether what this participant sends itself is received too.
+            depth: how many samples wait to be taken; an older one makes room.
 
         Raises:
             ConfigError: no such topic.
         """
-        return Reader(self._participant, self._topic(topic))
+        others = () if own else (Policy.IgnoreLocal.Participant,)
+        return Reader(self._participant, self._topic(topic), Qos(Policy.History.KeepLast(depth), *others))
 
     def _topic(self, name: str) -> Topic[Any]:
         known = {**RAW, **SERVICE}
@@ -128,16 +135,17 @@ class Reader:
         received: how many have come.
     """
 
-    def __init__(self, participant: DomainParticipant, topic: Topic[Any]) -> None:
-        self._reader: DataReader[Any] = DataReader(participant, topic)
+    def __init__(self, participant: DomainParticipant, topic: Topic[Any], qos: Qos | None = None) -> None:
+        self._reader: DataReader[Any] = DataReader(participant, topic, qos)
+        self._raw = topic.data_type in RAW.values()
         self.received = 0
 
     def take(self) -> Iterator[Any]:
         """All that have come since the last time, oldest first: bytes, or samples of a topic that has none."""
         for sample in self._reader.take(N=64):
-            if (data := getattr(sample, "data", sample)) is not None and sample.sample_info.valid_data:
+            if sample.sample_info.valid_data:
                 self.received += 1
-                yield data
+                yield sample.data if self._raw else sample
 
     def newest(self) -> Any:
         """The last of them; ``None`` where none has come."""

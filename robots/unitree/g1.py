@@ -46,18 +46,22 @@ class G1Joints:
         self._lower, self._upper = robot.position_limits
         self._effort, self._speed = robot.joint_array("effort"), robot.joint_array("velocity")
 
-    def write(self, command: MotorCommand, message: CommandMessage, mode_machine: int) -> None:
+    def write(
+        self, command: MotorCommand, message: CommandMessage, mode_machine: int, any_variant: bool = False
+    ) -> None:
         """Fill a message: positions, velocities and torques within their limits, other slots zero and off.
 
         Args:
             command: for all joints.
             message: whose motors are written.
             mode_machine: that the robot reports.
+            any_variant: of the robot will do: to brake one that calls itself another one while it is driven.
 
         Raises:
             ConfigError: the command has a number that is none, a negative gain, or is for another variant of the robot.
         """
-        require_one_of("mode_machine", str(mode_machine), (str(MODE_MACHINE),))
+        if not any_variant:
+            require_one_of("mode_machine", str(mode_machine), (str(MODE_MACHINE),))
         for name in ("q", "v", "tau", "kp", "kd"):
             values = getattr(command, name)
             wrong = ~np.isfinite(values) | ((values < 0.0) if name in ("kp", "kd") else False)

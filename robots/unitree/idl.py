@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from cyclonedds.idl import IdlStruct
 from cyclonedds.idl.annotations import final
-from cyclonedds.idl.types import array, byte, float32, int16, int32, int64, sequence, uint32
+from cyclonedds.idl.types import array, byte, float32, int16, int32, int64, sequence, uint16, uint32
 
 K = TypeVar("K", bound=type[IdlStruct])
 
@@ -28,14 +28,22 @@ def raw(kind: K) -> K:
     def deserialize(cls: Any, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> Any:
         return cls(data)
 
-    for name, method in (("__init__", make), ("serialize", serialize), ("deserialize", classmethod(deserialize))):
+    def deserialize_key(cls: Any, data: bytes, has_header: bool = True, use_version_2: bool | None = None) -> Any:
+        # of what says that a writer has gone: there is no key, and nothing of a sample
+        return cls(b"")
+
+    for name, method in (("__init__", make), ("serialize", serialize)):
         setattr(kind, name, method)
+    for name, of_class in (("deserialize", deserialize), ("deserialize_key", deserialize_key)):
+        setattr(kind, name, classmethod(of_class))
     return kind
 
 
-@dataclass
+@raw
 @final
-class IMUState_(IdlStruct, typename="unitree_hg.msg.dds_.IMUState_"):  # noqa: D101 - named as by the robot
+class IMUState_(IdlStruct, typename="unitree_hg.msg.dds_.IMUState_"):
+    """An IMU as bytes, named as by the robot; see :data:`robots.unitree.layout.IMU`."""
+
     quaternion: array[float32, 4]
     gyroscope: array[float32, 3]
     accelerometer: array[float32, 3]
@@ -96,6 +104,26 @@ class LowCmd_(IdlStruct, typename="unitree_hg.msg.dds_.LowCmd_"):
     motor_cmd: array[MotorCmd_, 35]
     reserve: array[uint32, 4]
     crc: uint32
+
+
+@raw
+@final
+class BmsState_(IdlStruct, typename="unitree_hg.msg.dds_.BmsState_"):
+    """The battery as bytes; see :data:`robots.unitree.layout.BATTERY`."""
+
+    version_high: byte
+    version_low: byte
+    fn: byte
+    cell_vol: array[uint16, 40]
+    bmsvoltage: array[uint32, 3]
+    current: int32
+    soc: byte
+    soh: byte
+    temperature: array[int16, 12]
+    cycle: uint16
+    manufacturer_date: uint16
+    bmsstate: array[uint32, 5]
+    reserve: array[uint32, 3]
 
 
 @dataclass
@@ -159,7 +187,12 @@ class Response_(IdlStruct, typename="unitree_api.msg.dds_.Response_"):
     binary: sequence[byte]
 
 
-RAW = {"rt/lowcmd": LowCmd_, "rt/lowstate": LowState_}
+RAW = {
+    "rt/lowcmd": LowCmd_,
+    "rt/lowstate": LowState_,
+    "rt/secondary_imu": IMUState_,
+    "rt/lf/bmsstate": BmsState_,
+}
 """Topics whose samples are bytes."""
 
 

@@ -1,4 +1,4 @@
-"""Where every field of ``LowCmd_``, ``LowState_`` and ``IMUState_`` is, on the wire and in the struct of the check sum.
+"""Where every field of the robot's messages is, on the wire and in the struct of the check sum.
 
 On the wire (CDR, little-endian, each field aligned to its size from the payload's begin, no padding at the end of a
 struct) and in C's memory the same fields follow each other, and differ in one place only: C aligns each motor to four
@@ -8,7 +8,12 @@ it is four bytes earlier.
 Source: fields of unitree_ros2, cyclonedds_ws/.../unitree_hg/msg, and unitree_sdk2_python, idl/unitree_hg.
 """
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
+
+from robots.errors import ConfigError
 
 MOTORS = 35
 """Slots for motors in a message; the G1 of 29 joints has the first 29."""
@@ -16,7 +21,7 @@ MOTORS = 35
 HEADER = bytes((0, 1, 0, 0))
 """Before the payload: CDR, little-endian."""
 
-COMMAND_SIZE, STATE_SIZE, IMU_SIZE = 1000, 2088, 54
+COMMAND_SIZE, STATE_SIZE, IMU_SIZE, BATTERY_SIZE = 1000, 2088, 54, 164
 """Of the payloads [bytes]."""
 
 FIRST_COMMAND, FIRST_STATE = 4, 72
@@ -51,3 +56,39 @@ IMU = np.dtype(
     }
 )
 """``IMUState_``: quaternion w, x, y, z; rad/s; m/s^2; rad; degrees Celsius."""
+
+BATTERY = np.dtype(
+    {
+        "names": [
+            *("version_high", "version_low", "fn", "cell_vol", "bmsvoltage", "current", "soc", "soh"),
+            *("temperature", "cycle", "manufacturer_date", "bmsstate", "reserve"),
+        ],
+        "formats": [
+            *("u1", "u1", "u1", ("<u2", 40), ("<u4", 3), "<i4", "u1", "u1"),
+            *(("<i2", 12), "<u2", "<u2", ("<u4", 5), ("<u4", 3)),
+        ],
+        "offsets": [0, 1, 2, 4, 84, 96, 100, 101, 102, 126, 128, 132, 152],
+        "itemsize": BATTERY_SIZE,
+    }
+)
+"""``BmsState_``: ``soc`` is what is left in the battery [%]."""
+
+Fields = NDArray[Any]
+"""Shape (1,) of one of the dtypes above: its fields by their names."""
+
+
+def packed(fields: Fields) -> bytes:
+    """A message without a check sum, header included: what goes out."""
+    return HEADER + fields.tobytes()
+
+
+def unpacked(data: bytes, kind: "np.dtype[np.void]") -> Fields:
+    """The fields of a message without a check sum, shape (1,) of ``kind``, read-only.
+
+    Raises:
+        ConfigError: it is shorter than its type, or is not little-endian CDR.
+    """
+    if len(data) < len(HEADER) + kind.itemsize or data[:2] != HEADER[:2]:
+        least = len(HEADER) + kind.itemsize
+        raise ConfigError("message", f"{len(data)} bytes", f"at least {least} bytes of little-endian CDR")
+    return np.frombuffer(data, kind, 1, len(HEADER))

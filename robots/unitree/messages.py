@@ -121,6 +121,11 @@ class StateMessage(Message):
         self.remote = self._payload[2028:2068]
 
     @property
+    def buttons(self) -> int:
+        """Bits of the remote's buttons, see :data:`robots.unitree.remote.BUTTONS`."""
+        return int(self.remote[2]) | int(self.remote[3]) << 8
+
+    @property
     def tick(self) -> int:
         """A counter of the robot's."""
         return int.from_bytes(self._payload[12:16].tobytes(), "little")

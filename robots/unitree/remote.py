@@ -18,6 +18,11 @@ BUTTONS = (
 """From the least significant bit on."""
 
 
+def button_bits(*names: str) -> int:
+    """Bits of some buttons."""
+    return sum(1 << BUTTONS.index(name) for name in names)
+
+
 @dataclass(frozen=True, slots=True)
 class Remote:
     """What a person holds.
@@ -50,7 +55,7 @@ def read_remote(data: Bytes) -> Remote:
 
 def write_remote(data: Bytes, remote: Remote) -> None:
     """Put a remote into a state's 40 bytes, as who plays the robot does."""
-    bits = sum(1 << i for i, name in enumerate(BUTTONS) if name in remote.buttons)
+    bits = button_bits(*remote.buttons)
     data[:] = 0
     if remote.heard:
         # the head is what tells an idle remote from a lost one

@@ -312,7 +312,7 @@ class Scripted:
 
     def __init__(self, supervisor: Supervisor, sound: TickResult, failing: Iterable[bool], part: str) -> None:
         self.robot = supervisor.controller.robot
-        self.config = supervisor.controller.config
+        self.config, self.kin = supervisor.controller.config, supervisor.controller.kin
         self.sound, self._failing, self._part = sound, iter(failing), part
 
     def update(self, _: RobotState) -> None:

@@ -1,5 +1,6 @@
 """The robot's topics on a real network, that of this machine: types, bytes, two processes."""
 
+import gc
 import subprocess
 import sys
 import time
@@ -17,11 +18,12 @@ from cyclonedds.idl.types import array, byte, float32, uint8, uint32
 
 from robots.errors import ConfigError
 from robots.loader import load_robot
-from robots.messages import MotorCommand, SensorReading
+from robots.messages import SensorReading
 from robots.unitree import idl
-from robots.unitree.body import G1Body, NoStateError
+from robots.unitree.body import G1Port
 from robots.unitree.dds import LOOPBACK, Network, configuration
-from robots.unitree.g1 import MODE_MACHINE, G1Joints
+from robots.unitree.g1 import G1Joints
+from robots.unitree.layout import BATTERY, packed
 from robots.unitree.messages import CommandMessage, StateMessage
 
 DOMAIN = 83
@@ -96,44 +98,73 @@ def test_bytes_come_in_as_they_go_out(network: Network) -> None:
     assert reader.newest() is None
 
 
-def test_a_body_takes_in_sound_states_only(network: Network) -> None:
-    robot = load_robot("g1")
-    body, writer, commands = G1Body(network, robot), network.writer("rt/lowstate"), network.reader("rt/lowcmd")
-    until(lambda: writer.readers and commands.writers)
-    with pytest.raises(NoStateError):
-        body.read()
-    held = MotorCommand(np.zeros(29), np.zeros(29), np.zeros(29), np.ones(29), np.ones(29), 0.0)
-    with pytest.raises(ConfigError, match="mode_machine"):
-        body.send(held)
-    writer.send(state_of(5).sealed())
-    assert body.wait(5.0)
-    assert body.message.tick == 5 and body.read().joint_position[3] == pytest.approx(0.035)
-    broken = bytearray(state_of(6).sealed())
-    broken[300] ^= 4
-    writer.send(bytes(broken))
-    assert not body.wait(0.2)
-    assert (body.broken, body.message.tick) == (1, 5)
-    body.send(held)
-    message = CommandMessage()
-    assert message.read(commands.wait(5.0))
-    assert message.mode_machine == MODE_MACHINE and body.sent == 1
-    body.message.motors["temperature"][int(body.joints.slots[7])] = 40, 91
-    assert body.hottest() == (robot.joint_names[7], 91.0)
+def test_a_port_hands_on_what_comes_and_sees_commands_of_others_only(network: Network) -> None:
+    port, writer, commands = G1Port(network), network.writer("rt/lowstate"), network.reader("rt/lowcmd")
+    others = Network(DOMAIN, LOOPBACK)
+    stranger = others.writer("rt/lowcmd")
+    until(lambda: writer.readers and port.commanded and stranger.readers >= 2)
+    assert port.receive(time.monotonic() + 0.01) == []
+    sent = [state_of(tick).sealed() for tick in range(3)]
+    for data in sent:
+        writer.send(data)
+    found: list[bytes] = []
+    end = time.monotonic() + 10.0
+    while len(found) < 3 and time.monotonic() < end:
+        found += [data for data, _ in port.receive(time.monotonic() + 0.1)]
+    assert found == sent
+    command = CommandMessage().sealed()
+    port.send(command)
+    assert commands.wait(5.0) == command and port.sent == 1
+    assert port.strangers() == 0
+    stranger.send(command)
+    until(lambda: port.strangers() == 1)
+
+
+def test_a_port_knows_the_battery_once_it_has_been_heard_of(network: Network) -> None:
+    port, writer = G1Port(network), network.writer("rt/lf/bmsstate")
+    until(lambda: writer.readers)
+    assert np.isnan(port.battery())
+    fields = np.zeros(1, BATTERY)
+    fields["soc"] = 71
+    writer.send(packed(fields))
+    until(lambda: port.battery() == 71)
+    assert port.battery() == 71
+
+
+def test_a_reader_survives_the_end_of_a_writer() -> None:
+    """That one has gone comes as a sample without data."""
+    reader = Network(DOMAIN, LOOPBACK).reader("rt/lowstate")
+    writers = [Network(DOMAIN, LOOPBACK).writer("rt/lowstate")]
+    until(lambda: writers[0].readers and reader.writers)
+    writers[0].send(state_of(1).sealed())
+    assert reader.wait(5.0) == state_of(1).sealed()
+    before = reader.writers
+    writers.clear()
+    gc.collect()
+    until(lambda: reader.writers < before)
+    assert reader.newest() is None
 
 
 ANSWERS = """
-import sys
+import sys, time
 from robots.loader import load_robot
 from robots.messages import MotorCommand
-from robots.unitree.body import G1Body
+from robots.unitree.body import G1Port
 from robots.unitree.dds import LOOPBACK, Network
+from robots.unitree.g1 import G1Joints
+from robots.unitree.messages import CommandMessage
+from robots.unitree.stream import StateStream
 import numpy as np
-body = G1Body(Network(int(sys.argv[1]), LOOPBACK), load_robot("g1"))
-for _ in range(int(sys.argv[2])):
-    while not body.wait(1.0):
-        pass
-    zero = np.zeros(29)
-    body.send(MotorCommand(body.read().joint_position, zero, zero, zero, zero, 0.0))
+port = G1Port(Network(int(sys.argv[1]), LOOPBACK))
+joints = G1Joints(load_robot("g1"))
+stream, message, answered = StateStream(joints), CommandMessage(), 0
+while answered < int(sys.argv[2]):
+    for data, arrived in port.receive(time.monotonic() + 1.0):
+        if (reading := stream.take(data, arrived)) is not None:
+            zero = np.zeros(29)
+            joints.write(MotorCommand(reading.joint_position, zero, zero, zero, zero, 0.0), message, 5)
+            port.send(message.sealed())
+            answered += 1
 """
 
 
@@ -145,7 +176,7 @@ def test_another_process_answers_every_state(network: Network) -> None:
     try:
         until(lambda: states.readers > before and commands.writers, 60.0)
         message, joints = CommandMessage(), G1Joints(load_robot("g1"))
-        for tick in range(50):
+        for tick in range(1, 51):
             state = state_of(tick)
             states.send(state.sealed())
             answer = commands.wait(10.0)

@@ -1,0 +1,32 @@
+"""Signs of life between controller and guardian: a few numbers in memory that both processes see."""
+
+import mmap
+from pathlib import Path
+
+import numpy as np
+
+FIELDS = ("sent", "guarded", "latched", "ended", "asked")
+"""Times on the monotonic clock of this machine [s], 0 for never: the controller's last command, the guardian's last
+sign, when the guardian took over, when the controller ended of itself, when the guardian saw L2 + B."""
+
+SIZE = 8 * len(FIELDS)
+
+
+class Heartbeat:
+    """The shared numbers; each is written by one of the two only, and as one aligned word."""
+
+    def __init__(self, path: Path, create: bool = False) -> None:
+        """In a file; ``create`` it, all zero, or join the one that is there."""
+        if create:
+            path.write_bytes(bytes(SIZE))
+        with path.open("r+b") as file:
+            self._memory = mmap.mmap(file.fileno(), SIZE)
+        self._values = np.frombuffer(self._memory, dtype=np.float64)
+
+    def mark(self, field: str, time: float) -> None:
+        """Write a time [s]."""
+        self._values[FIELDS.index(field)] = time
+
+    def read(self, field: str) -> float:
+        """Read one [s]."""
+        return float(self._values[FIELDS.index(field)])

@@ -1,0 +1,225 @@
+"""``safewbc deploy``: drive a G1 over DDS, from connecting to latched damping."""
+
+import dataclasses
+import json
+import signal
+import subprocess
+import sys
+import time
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from controllers.deployment.heartbeat import Heartbeat
+from controllers.deployment.loop import DeploymentLoop, Timing
+from controllers.deployment.realtime import CONTROLLER_PRIORITY, freeze_garbage, lock_memory, pin, schedule
+from controllers.deployment.ring import Kind, RingLog
+from controllers.deployment.stages import BUTTONS, KEYS, Stage
+from experiments.cli.persons import Announcer, Keyboard
+from experiments.running.deployment_tasks import LOG, Built, build, name_of
+from experiments.scenarios.hardware_options import DeployCommon
+from robots.errors import ConfigError, SafeWbcError
+
+SUMMARY, HEART = "deployment.json", "heartbeat"
+"""Files of a deployment beside its log."""
+
+BYTES_A_SECOND = 1_700_000
+"""What the log grows by."""
+
+GUARDIAN_START = 30.0
+"""How long the guardian may take to start [s]."""
+
+FAULT = 3
+"""Exit code where something other than the task's end, or a person, ended it."""
+
+LOOPBACK = "lo"
+
+
+def deploy(options: Any) -> int:
+    """Drive the robot; 0 where the task came to its end or a person stopped it.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or the robot is not ready; its motors have been told nothing then.
+    """
+    common: DeployCommon = options.common
+    check_options(common)
+    task = options.task
+    built = build(task)
+    folder = common.out or Path("runs") / f"deploy-{name_of(task)}-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder.mkdir(parents=True, exist_ok=True)
+    print("getting ready: kernels and both controllers go through their paths", flush=True)
+    for agent in (built.standing, built.task):
+        agent.warm_up()
+    return Session(common, built, folder).run()
+
+
+def check_options(common: DeployCommon) -> None:
+    """What can be said before anything is made.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or cyclonedds is not installed.
+    """
+    if common.yes and common.interface != LOOPBACK:
+        raise ConfigError("yes", common.yes, f"left out but on {LOOPBACK}: a person decides, where a robot can be")
+    if not 10.0 <= common.log_seconds <= 3600.0:
+        raise ConfigError("log_seconds", common.log_seconds, "from 10 to 3600")
+    if find_spec("cyclonedds") is None:
+        raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
+
+
+class Session:
+    """One deployment from connecting to its summary."""
+
+    def __init__(self, common: DeployCommon, built: Built, folder: Path) -> None:
+        self._common, self._built, self._folder = common, built, folder
+        self._announcer = Announcer()
+        self._person = Keyboard(common.yes)
+        head = {"task": built.scenario, "options": _plain(common), "robot": built.robot.name}
+        self._log = RingLog(folder / LOG, int(common.log_seconds * BYTES_A_SECOND), head)
+        self._heart = Heartbeat(folder / HEART, create=True)
+        self._deployment = built.deployment(self._say)
+
+    def _say(self, text: str) -> None:
+        now = time.monotonic()
+        self._log.write(Kind.EVENT, now, text.encode())
+        self._announcer.tell(text)
+
+    def run(self) -> int:
+        """Run it; the exit code."""
+        from controllers.deployment.preparation import connect
+        from robots.unitree.stream import StateStream
+
+        common, say = self._common, self._say
+        for signal_number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(signal_number, lambda *_: self._person.interrupt())
+        say(schedule(CONTROLLER_PRIORITY) + ", " + pin(common.cpu))
+        say("remote: " + "; ".join(f"{b}: {text}" for b, text in BUTTONS))
+        say("keyboard, each with Enter: " + "; ".join(f"{k}: {text}" for k, text in KEYS))
+
+        from robots.unitree.body import G1Port
+        from robots.unitree.dds import Network
+
+        network = Network(common.domain, common.interface)
+        port = G1Port(network)
+        say(f"{Stage.CONNECT.value}: domain {common.domain}, interface {common.interface}")
+        # one of its own: what the deployment takes in is all in the log
+        stream = StateStream(self._deployment.joints)
+        rate = connect(port, stream)
+        say(f"states at {rate:.0f} Hz")
+        guardian = None if common.dry_run else self._start_guardian()
+        try:
+            self._check(port, stream, rate)
+            if not common.dry_run:
+                self._release(network, port)
+            cause = self._drive(port)
+        except BaseException:
+            self._heart.mark("ended", time.monotonic())
+            raise
+        finally:
+            self._announcer.close()
+        return self._end(cause, guardian)
+
+    def _start_guardian(self) -> subprocess.Popen[bytes]:
+        common = self._common
+        module = "controllers.deployment.guardian"
+        arguments = [str(self._folder / HEART), str(common.domain), common.interface, self._built.robot.name]
+        guardian = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
+        end = time.monotonic() + GUARDIAN_START
+        while not self._heart.read("guarded"):
+            if time.monotonic() > end or guardian.poll() is not None:
+                raise SafeWbcError("the guardian did not start: without it the robot is not driven")
+            time.sleep(0.01)
+        self._say(f"guardian: process {guardian.pid}")
+        return guardian
+
+    def _check(self, port: Any, stream: Any, rate: float) -> None:
+        from controllers.deployment.preparation import checks, require_met
+
+        gyro = []
+        self._say(Stage.CHECKS.value)
+        end = time.monotonic() + 1.5
+        while time.monotonic() < end:
+            for data, arrived in port.receive(time.monotonic() + 0.1):
+                if (reading := stream.take(data, arrived)) is not None:
+                    gyro.append(reading.gyro)
+        found = checks(stream, rate, port.battery(), np.array(gyro))
+        for check in found:
+            self._say(f"  {'ok  ' if check.met else 'FAIL'} {check.name}: {check.text}")
+        require_met(found)
+
+    def _release(self, network: Any, port: Any) -> None:
+        from controllers.deployment.preparation import release
+        from robots.unitree.switcher import SwitcherClient
+
+        self._say("go releases the on-board service: the robot has to hang, it will be limp")
+        if not self._person.wait_for_go():
+            raise SafeWbcError("stopped before anything was sent")
+        self._say(Stage.RELEASE.value)
+        release(SwitcherClient(network), port, self._say)
+
+    def _drive(self, port: Any) -> str | None:
+        common, deployment = self._common, self._deployment
+        loop = DeploymentLoop(deployment, port, self._heart, self._log, self._person, not common.dry_run)
+        self.timing = loop.timing
+        self._say(lock_memory())
+        freeze_garbage()
+        port.receive(time.monotonic())
+        if common.dry_run:
+            self._person.end_hung_after(10.0)
+            deployment.begin_dry()
+        self._say(deployment.stage.value)
+        return loop.run()
+
+    def _end(self, cause: str | None, guardian: "subprocess.Popen[bytes] | None") -> int:
+        latched = bool(self._heart.read("latched"))
+        self._heart.mark("ended", 0.0 if latched else time.monotonic())
+        deployment = self._deployment
+        figures = timing_figures(self.timing) | {
+            "periods_bridged": deployment.bridged,
+            "states_lost": deployment.stream.clock.lost,
+            "states_broken": deployment.stream.broken,
+            "states_repeated": deployment.stream.repeated,
+        }
+        summary = {"cause": cause, "stage": deployment.stage.value, "guardian": latched} | figures
+        text = json.dumps(summary, indent=2)
+        (self._folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
+        self._log.close()
+        print(f"ended: {cause}")
+        for name, value in figures.items():
+            print(f"  {name}: {value:.3g}" if isinstance(value, float) else f"  {name}: {value}")
+        if self._built.motor is not None:
+            for torque, vibration in self._built.motor.report():
+                print(f"  {torque:6.2f} N m: vibration {vibration:.4f} rad/s")
+        if latched and guardian is not None:
+            print(
+                f"the guardian, process {guardian.pid}, brakes the motors until no state comes any more; kill it then"
+            )
+        print(f"log: {self._folder / LOG}")
+        return 0 if cause in EXPECTED else FAULT
+
+
+EXPECTED = ("the task is over", "stop", "at rest", "the motor check is over")
+"""Causes that are no fault."""
+
+
+def timing_figures(timing: Timing) -> dict[str, float | int]:
+    """How the deadlines were kept, in ms and counts."""
+    work, age = (1e3 * np.array(values or [np.nan]) for values in (timing.work, timing.age))
+    return {
+        "periods": len(timing.work),
+        "late": timing.late,
+        "late_pairs": timing.late_pairs,
+        "work_median_ms": float(np.median(work)),
+        "work_p99_ms": float(np.percentile(work, 99)),
+        "work_max_ms": float(work.max()),
+        "age_median_ms": float(np.median(age)),
+        "age_p99_ms": float(np.percentile(age, 99)),
+        "age_max_ms": float(age.max()),
+    }
+
+
+def _plain(common: DeployCommon) -> dict[str, Any]:
+    table = dataclasses.asdict(common)
+    return table | {"out": str(common.out) if common.out is not None else None}

@@ -1,0 +1,261 @@
+"""``safewbc rehearse``: tasks and faults against a twin, a row each, resumed where it was interrupted."""
+
+import json
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from joblib import Parallel, delayed
+
+from controllers.deployment.stages import Stage
+from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS_CASES, Expected, FaultCase
+from experiments.rehearsal.in_process import Rehearsal
+from experiments.rehearsal.judge import fault_figures, last_stage, task_figures
+from experiments.rehearsal.performance import Performance
+from experiments.rehearsal.processes import Pair
+from experiments.rehearsal.show import show_rows
+from experiments.rehearsal.tasks import RehearsedTask, TwinVariant, task_called, variants
+from experiments.running.deployment_tasks import build
+from experiments.running.terminal import make_console
+from experiments.scenarios.hardware_options import RehearseOptions
+from experiments.scenarios.stand import Stand
+from experiments.scenarios.walk import Walk
+from robots.checks import require_between
+from robots.errors import ConfigError, SafeWbcError
+from robots.loader import load_robot
+from sims.twin.twin import TwinConfig
+
+ROWS = "rows.jsonl"
+"""File of the results, a line each."""
+
+TASK_NAMES = ("stand", "hands", "taichi", "walk", "turns", "fast")
+
+DURING = {
+    "stand": RehearsedTask("standing", Stand(duration=7.0), ("stand", "--duration", "7")),
+    "walk": RehearsedTask("walking", Walk(duration=14.0), ("walk", "--duration", "14")),
+}
+"""Tasks that faults come into."""
+
+AFTER = {"stand": 1.0, "walk": 5.0}
+"""When they do, after the task's begin [s]."""
+
+TO_THE_TASK = 90.0
+"""How long a deployment may take from its start to its task [s]."""
+
+TO_THE_END = 30.0
+"""How long it may take from the task's end to its own [s]."""
+
+
+@dataclass(frozen=True)
+class Piece:
+    """One rehearsal: ``key`` names it for good, ``play`` gives its row."""
+
+    key: str
+    play: Callable[[], dict[str, Any]]
+
+
+def rehearse(options: RehearseOptions) -> int:
+    """Rehearse, print the tables; 0 where all came as expected, 1 otherwise.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or cyclonedds is not installed.
+    """
+    check(options)
+    folder = options.out or Path("runs") / f"rehearsal-{time.strftime('%Y%m%d-%H%M%S')}"
+    folder.mkdir(parents=True, exist_ok=True)
+    rows = _rows(folder / ROWS)
+    console = make_console()
+    missing = [piece for piece in pieces(options, folder) if piece.key not in rows]
+    for number, (key, row) in enumerate(_played(missing, options.jobs), 1):
+        rows[key] = row
+        with (folder / ROWS).open("a", encoding="utf-8") as file:
+            file.write(json.dumps({"key": key} | row) + "\n")
+        good = row.get("upright", row.get("as_expected"))
+        console.print(f"{number} of {len(missing)}: {key}: {'as expected' if good else 'NOT as expected'}")
+    wanted = [rows[piece.key] for piece in pieces(options, folder)]
+    show_rows(console, wanted)
+    console.print(f"results: {folder / ROWS}")
+    return 0 if all(row.get("upright", row.get("as_expected")) for row in wanted) else 1
+
+
+def check(options: RehearseOptions) -> None:
+    """Refuse what cannot be done.
+
+    Raises:
+        SafeWbcError: an option is not allowed, or cyclonedds is not installed.
+    """
+    if not options.what:
+        raise ConfigError("what", options.what, "one or more of tasks, faults, before, kills, short")
+    require_between("seeds", options.seeds, 1, 1000)
+    require_between("jobs", options.jobs, 1, 64)
+    require_between("domain", options.domain, 1, 230)
+    if options.in_process and {"before", "kills", "short"} & set(options.what):
+        raise ConfigError("in_process", True, "left out with before, kills and short, which are about processes")
+    if options.jobs > 1 and not options.in_process:
+        raise ConfigError("jobs", options.jobs, "1 without --in-process: processes in real time need the machine")
+    if not options.in_process and find_spec("cyclonedds") is None:
+        raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
+
+
+def _rows(path: Path) -> dict[str, dict[str, Any]]:
+    if not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text(encoding="utf-8").splitlines() if line.endswith("}")]
+    return {line.pop("key"): line for line in lines}
+
+
+def _played(missing: Sequence[Piece], jobs: int) -> Iterator[tuple[str, dict[str, Any]]]:
+    if jobs == 1:
+        for piece in missing:
+            yield piece.key, piece.play()
+        return
+    played = Parallel(n_jobs=jobs, return_as="generator_unordered")(delayed(_play)(p) for p in missing)
+    yield from played
+
+
+def _play(piece: Piece) -> tuple[str, dict[str, Any]]:
+    return piece.key, piece.play()
+
+
+def pieces(options: RehearseOptions, folder: Path) -> list[Piece]:
+    """All rehearsals that the options ask for, in order."""
+    found: list[Piece] = []
+    how = "in process" if options.in_process else "processes"
+    task = play_task_in_process if options.in_process else partial(play_task, options.domain)
+    fault = play_fault_in_process if options.in_process else partial(play_fault, options.domain)
+    for what in options.what:
+        for name in TASK_NAMES if what == "tasks" else [w for w in (what,) if w in TASK_NAMES]:
+            for twin in variants(options.seeds):
+                key = f"{how}, {name}, seed {twin.seed}"
+                found.append(Piece(key, partial(task, task_called(name), twin, folder / key.replace(", ", "-"))))
+        if what == "faults":
+            cases = FAULT_CASES if options.in_process else FAULT_CASES + PROCESS_CASES
+            for during in options.during:
+                for case in _chosen(cases, options.fault):
+                    key = f"{how}, {during}, {case.name}"
+                    found.append(Piece(key, partial(fault, during, case, folder / _file_name(key))))
+        if what == "before":
+            for case in _chosen(BEFORE_CASES, options.fault):
+                key = f"before, {case.name}"
+                found.append(Piece(key, partial(play_before, options.domain, case, folder / _file_name(key))))
+        if what == "kills":
+            found += _kills(options, folder)
+        if what == "short":
+            case = next(case for case in FAULT_CASES if case.name == "remote: L2 + B")
+            found.append(Piece("short", partial(fault, "stand", case, folder / "short")))
+    return found
+
+
+def _chosen(cases: Sequence[FaultCase], parts: Sequence[str]) -> list[FaultCase]:
+    chosen = [case for case in cases if not parts or any(part in case.name for part in parts)]
+    if not chosen:
+        raise ConfigError("fault", ", ".join(parts), "part of a name: " + "; ".join(case.name for case in cases))
+    return chosen
+
+
+def _file_name(key: str) -> str:
+    return "".join(letter if letter.isalnum() else "-" for letter in key)
+
+
+def _kills(options: RehearseOptions, folder: Path) -> list[Piece]:
+    """At an instant drawn from each seed the controller is killed, and at another one stopped."""
+    found = []
+    for seed in range(options.seeds):
+        rng = np.random.default_rng([seed, 77])
+        for case in PROCESS_CASES[:2]:
+            during = "walk" if rng.random() < 0.7 else "stand"
+            after = float(rng.uniform(0.5, 9.0 if during == "walk" else 5.0))
+            key = f"kills, {case.name}, seed {seed}"
+            play = partial(play_fault, options.domain, during, case, folder / _file_name(key), after=after)
+            found.append(Piece(key, play))
+    return found
+
+
+def play_task(domain: int, task: RehearsedTask, twin: TwinVariant, folder: Path) -> dict[str, Any]:
+    """A task by processes."""
+    with Pair(folder, domain, twin.words(), task.words) as pair:
+        pair.begin()
+        pair.run_to_the_end(TO_THE_TASK + task.scenario.duration + TO_THE_END)
+        return _task_row("processes", task, twin, pair.finish())
+
+
+def play_task_in_process(task: RehearsedTask, twin: TwinVariant, folder: Path) -> dict[str, Any]:
+    """The same in this process."""
+    folder.mkdir(parents=True, exist_ok=True)
+    rehearsal = Rehearsal(build(task.scenario).deployment, twin.config(), folder / "truth.npz")
+    return _task_row("in process", task, twin, rehearsal.finish())
+
+
+def _task_row(how: str, task: RehearsedTask, twin: TwinVariant, performance: Performance) -> dict[str, Any]:
+    head = {"how": how, "task": task.title, "seed": twin.seed, "mass_scale": twin.mass_scale, "drift": twin.gyro_drift}
+    return head | task_figures(load_robot("g1"), performance)
+
+
+def play_fault(domain: int, during: str, case: FaultCase, folder: Path, after: float | None = None) -> dict[str, Any]:
+    """A fault, by processes, at ``after`` the task's begin; at the usual time if not given [s]."""
+    task, wait = DURING[during], AFTER[during] if after is None else after
+    with Pair(folder, domain, (), task.words) as pair:
+        pair.begin()
+        if pair.run_to(Stage.TASK, TO_THE_TASK):
+            pair.wait(wait)
+            for order in case.orders:
+                pair.order(order)
+            if case.expected is Expected.GUARDIAN:
+                pair.wait(3.0)
+            elif case.expected is Expected.GOES_ON:
+                # what comes after the task is the same without a fault
+                pair.run_to(Stage.STOPPING, task.scenario.duration + TO_THE_END)
+            else:
+                pair.run_to_the_end(task.scenario.duration + TO_THE_END)
+        performance = pair.finish()
+        return _fault_row("processes", task, case, performance, pair.raised_at)
+
+
+def play_fault_in_process(during: str, case: FaultCase, folder: Path) -> dict[str, Any]:
+    """The same in this process."""
+    folder.mkdir(parents=True, exist_ok=True)
+    task = DURING[during]
+    rehearsal = Rehearsal(build(task.scenario).deployment, TwinConfig(), folder / "truth.npz")
+    rehearsal.run_to(Stage.TASK)
+    rehearsal.run_for(AFTER[during])
+    for order in case.orders:
+        rehearsal.order(order)
+    rehearsal.run_to(Stage.DAMPED, task.scenario.duration + TO_THE_END)
+    rehearsal.run_for(1.0)
+    return _fault_row("in process", task, case, rehearsal.performance(), rehearsal.raised_at)
+
+
+def _fault_row(
+    how: str, task: RehearsedTask, case: FaultCase, performance: Performance, raised_at: float
+) -> dict[str, Any]:
+    head = {"how": how, "during": task.title, "fault": case.name, "expected": case.expected.value}
+    if not performance.orders:
+        return head | {"as_expected": False, "cause": performance.cause, "end": last_stage(performance)}
+    return head | fault_figures(case, performance, raised_at)
+
+
+def play_before(domain: int, case: FaultCase, folder: Path) -> dict[str, Any]:
+    """A fault that is there before the deployment begins: its motors must be told nothing."""
+    with Pair(folder, domain, (), DURING["stand"].words) as pair:
+        pair.begin(case.orders)
+        pair.run_to_the_end(TO_THE_TASK)
+        performance = pair.finish()
+    assert pair.deployment is not None
+    refusal = pair.deployment.lines[-1][1] if pair.deployment.lines else ""
+    told = performance.truth["lowcmd_age"]
+    nothing = bool(np.isnan(told).all()) or "foreign" in case.name
+    met = performance.exit_code == 2 and case.cause in refusal and nothing
+    return {
+        "how": "processes",
+        "during": "before the start",
+        "fault": case.name,
+        "expected": case.expected.value,
+        "as_expected": met,
+        "cause": refusal.removeprefix("safewbc: "),
+        "end": last_stage(performance),
+    }

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.deployment.heartbeat import Heartbeat
+from controllers.deployment.heartbeat import Heartbeat, Silence
 from controllers.deployment.motors import brake
 from controllers.deployment.realtime import GUARDIAN_PRIORITY, freeze_garbage, lock_memory, schedule
 from robots.description import RobotDescription
@@ -28,9 +28,6 @@ SILENCE = 0.010
 
 WATCH = 0.001
 """How often it looks [s]."""
-
-COUNTED_AT_MOST = 0.003
-"""What one look counts for, however late it comes [s]."""
 
 PERIOD = 0.002
 """Of its commands [s]."""
@@ -48,8 +45,7 @@ class Watchman:
     """Decides when to take over; what it has seen is handed to it, so it can be tried without a process."""
 
     def __init__(self) -> None:
-        self._seen = 0.0
-        self._silence, self._last = 0.0, 0.0
+        self._silence = Silence()
         self.cause: str | None = None
 
     def look(self, now: float, sent: float, buttons: int) -> bool:
@@ -60,11 +56,9 @@ class Watchman:
             sent: when the controller has sent its last command, 0 before its first [s].
             buttons: of the remote.
         """
-        passed, self._last = min(now - self._last, COUNTED_AT_MOST), now
-        self._silence = 0.0 if sent != self._seen else self._silence + passed
-        self._seen = sent
+        silence = self._silence.look(now, sent)
         if self.cause is None and sent > 0.0:
-            if self._silence > SILENCE:
+            if silence > SILENCE:
                 self.cause = SILENT
             elif buttons & DAMP_BITS == DAMP_BITS:
                 self.cause = ASKED

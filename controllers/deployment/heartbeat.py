@@ -12,6 +12,27 @@ sign, when the guardian took over, when the controller ended of itself, when the
 SIZE = 8 * len(FIELDS)
 
 
+COUNTED_AT_MOST = 0.003
+"""What one look counts for in a silence, however late it comes [s]."""
+
+
+class Silence:
+    """How long a mark has not moved, counted in what has been watched of it.
+
+    Where the whole machine stood still between two looks, the other process could do nothing either.
+    """
+
+    def __init__(self) -> None:
+        self._mark, self._last, self._long = 0.0, 0.0, 0.0
+
+    def look(self, now: float, mark: float) -> float:
+        """The silence [s], at a look ``now`` that finds ``mark`` [s]."""
+        passed, self._last = min(now - self._last, COUNTED_AT_MOST), now
+        self._long = 0.0 if mark != self._mark else self._long + passed
+        self._mark = mark
+        return self._long
+
+
 class Heartbeat:
     """The shared numbers; each is written by one of the two only, and as one aligned word."""
 

@@ -8,7 +8,7 @@ from typing import Protocol
 
 from controllers.deployment.deployment import Deployment
 from controllers.deployment.guardian import ASKED, SILENT
-from controllers.deployment.heartbeat import Heartbeat
+from controllers.deployment.heartbeat import Heartbeat, Silence
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.ring import Kind, RingLog
 from controllers.deployment.stages import Stage
@@ -103,6 +103,7 @@ class DeploymentLoop:
         self.deployment, self.timing = deployment, Timing()
         self._port, self._heart, self._log, self._person = port, heart, log, person
         self._write, self._clock = write, clock
+        self._guardian = Silence()
         self._sent: bytes | None = None
         self._damped_at: float | None = None
         self._stage, self._stage_began = deployment.stage, clock()
@@ -149,7 +150,7 @@ class DeploymentLoop:
         if deployment.stage is not self._stage:
             self._stage, self._stage_began = deployment.stage, now
         go, stop, damp = self._person.wishes(self._stage, deployment.asks, now - self._stage_began)
-        guarded = now - self._heart.read("guarded") if self._write else 0.0
+        guarded = self._guardian.look(now, self._heart.read("guarded")) if self._write else 0.0
         strangers = self._port.strangers() if self._write else 0
         return Surroundings(go, stop, damp, self._port.battery(), strangers, guarded, self.timing.late_in_a_row)
 

@@ -41,7 +41,7 @@ class ProtectionLimits:
         joint_rate: beyond which the motors only brake [rad/s].
         battery: below which the task ends [%].
         remote_silent: without anything from the remote, after which the task ends [s].
-        guardian_silent: without a sign of the guardian, after which the motors only brake [s].
+        guardian_silent: without a sign of the guardian, as watched, after which the motors only brake [s].
         jump: of a joint from one state to the next beyond what its limit of speed allows [rad].
         set_point_jump: of a set-point from one command to the next, where its gain is not zero [rad].
     """

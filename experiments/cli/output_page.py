@@ -5,9 +5,11 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from experiments.metrics.declared import METRICS
+from experiments.metrics.deployment import DEPLOYMENT
 from experiments.metrics.estimate import ESTIMATE
 from experiments.metrics.metric import GROUPS, Metric
 from experiments.recording.channels import CHANNELS, CLOCKS
+from experiments.recording.deployment_channels import DEPLOYMENT_CHANNELS
 from experiments.scenarios.registry import SCENARIOS
 from robots.errors import ConfigError
 
@@ -22,6 +24,10 @@ def tables() -> dict[str, str]:
     for clock in CLOCKS:
         rows = ((f"`{c.name}`", c.shape, c.unit, c.meaning) for c in CHANNELS if c.per == clock)
         made[f"arrays per {clock}"] = _table(("array", "shape", "unit", "meaning"), rows)
+    arrays = ((f"`{c.name}`", c.shape, c.unit, c.meaning) for c in DEPLOYMENT_CHANNELS)
+    made["arrays of a deployment"] = _table(("array", "shape", "unit", "meaning"), arrays)
+    figures = ((f"`{m.key}`", m.words, m.unit if m.factor == 1.0 else "") for m in DEPLOYMENT)
+    made["metrics of a deployment"] = _table(("key", "what it is", "unit"), figures)
     return made
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.deployment.guardian import ASKED, COUNTED_AT_MOST, SILENCE, SILENT, Watchman, brake_message
-from controllers.deployment.heartbeat import FIELDS, Heartbeat
+from controllers.deployment.guardian import ASKED, SILENCE, SILENT, Watchman, brake_message
+from controllers.deployment.heartbeat import COUNTED_AT_MOST, FIELDS, Heartbeat, Silence
 from controllers.deployment.realtime import freeze_garbage, lock_memory, pin, schedule
 from robots.unitree.messages import CommandMessage
 from robots.unitree.remote import button_bits
@@ -66,6 +66,14 @@ def test_a_machine_that_stood_still_counts_as_one_look() -> None:
     while not watchman.look(1.501 + 0.001 * looks, 1.0, 0):
         looks += 1
     assert looks >= (SILENCE - 2 * COUNTED_AT_MOST) / 0.001
+
+
+def test_a_silence_is_what_was_watched_of_it() -> None:
+    silence = Silence()
+    silence.look(1.0, 5.0)
+    assert [silence.look(1.0 + 0.002 * i, 5.0) for i in range(1, 4)] == pytest.approx([0.002, 0.004, 0.006])
+    assert silence.look(2.0, 5.0) == pytest.approx(0.006 + COUNTED_AT_MOST)
+    assert silence.look(2.001, 5.1) == 0.0
 
 
 def test_its_command_brakes_and_nothing_else() -> None:

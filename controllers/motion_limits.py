@@ -18,7 +18,8 @@ class MotionLimits:
     """What a robot that is controlled does not exceed.
 
     Tilt and rate of the base are the manufacturer's of the G1 (unitree_sdk2, robot/g1/common/terminations.hpp). Its
-    10 rad/s of the joints are left out of the default: arms that avoid a collision are faster.
+    10 rad/s of any joint are watched where a G1 is driven (:mod:`controllers.deployment.protection`); other robots have
+    faster joints.
 
     Attributes:
         tilt: of the base from upright, in (0, pi) [rad].

@@ -58,12 +58,14 @@ class Supervisor:
     Attributes:
         controller: the controller that is watched.
         cause: why the robot was stopped; ``None`` while it runs.
+        last_cause: why it was stopped last, where one stop followed another.
         stopped_at: stamp of the state at which it was stopped [s].
     """
 
     def __init__(self, controller: WholeBodyController) -> None:
         self.controller = controller
         self.cause: str | None = None
+        self.last_cause: str | None = None
         self.stopped_at = float("nan")
         self._fading_ticks = -1
         self._lost: Mask = np.zeros(len(controller.robot.joints), dtype=bool)
@@ -98,6 +100,8 @@ class Supervisor:
 
     def latch(self, cause: str, stamp: float) -> None:
         """Keep ``cause`` and ``stamp`` [s] of a stop, unless there was one before."""
+        if not self.fading:
+            self.last_cause = cause
         if self.cause is None:
             self.cause, self.stopped_at = cause, stamp
 
@@ -109,7 +113,8 @@ class Supervisor:
                 # the drive reads the same encoder: told to go where that one is not, it would slam the joint
                 self._lost |= _outside(self.controller.robot, state.q[7:]) > BEYOND_LIMITS
             self.fade(fault, state.stamp)
-        elif not self.fading and (beyond := self._watch.inspect(state, self._height(state))) is not None:
+        elif self._repeated == 0 and (beyond := self._watch.inspect(state, self._height(state))) is not None:
+            # while the motors fade out too: stiff legs of a robot that lies down help nobody
             self.damp(beyond, state.stamp)
         return not self.fading
 
@@ -161,14 +166,17 @@ class Supervisor:
             what = f"filter {result.safety.status.name.lower()}{why}, DynWBC {result.dynwbc.status}"
             self.fade(f"no solution for {MAX_FAILURES} ticks ({what})", stamp)
 
-    def fade(self, cause: str, stamp: float, lost: Mask | None = None) -> None:
+    def fade(self, cause: str, stamp: float, lost: Mask | None = None, sent: MotorCommand | None = None) -> None:
         """Fade the motors out for good.
 
         Args:
             cause: in words.
             stamp: of the state at which it was found [s].
             lost: shape (nj,) joints whose position is not known: they are only braked.
+            sent: command to fade out from, where it is not the last one that was handed on.
         """
+        if sent is not None and not self.fading:
+            self._last = sent
         if lost is not None:
             self._lost |= lost
         self.latch(cause, stamp)
@@ -177,6 +185,7 @@ class Supervisor:
     def damp(self, cause: str, stamp: float) -> None:
         """Only brake from now on, for good, for ``cause``; ``stamp`` of the state at which it was found [s]."""
         self.latch(cause, stamp)
+        self.last_cause = cause
         self._fading_ticks = max(self._fading_ticks, math.ceil((HOLD_TIME + FADE_TIME) / self.controller.config.dt))
 
     def _fading_command(self, stamp: float) -> MotorCommand:

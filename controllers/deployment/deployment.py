@@ -5,7 +5,6 @@ recorded deployment, fed to it again, gives the same commands bit by bit.
 """
 
 import logging
-from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from controllers.agent import Agent
 from controllers.deployment.motor_check import MotorCheck
-from controllers.deployment.motors import PostureRamp, brake, largest_jump, limp, mix
+from controllers.deployment.motors import PostureRamp, brake, limp, mix
 from controllers.deployment.protection import (
     Protection,
     ProtectionLimits,
@@ -22,6 +21,7 @@ from controllers.deployment.protection import (
     Surroundings,
     Verdict,
 )
+from controllers.deployment.rest import SHORT, RestWatch
 from controllers.deployment.stages import Stage, row_of
 from controllers.estimation.estimator import EstimatorSettings, StateEstimator
 from robots.description import RobotDescription
@@ -46,20 +46,14 @@ POSTURE_TIME = 4.0
 FAR_FROM_POSTURE = 0.3
 """A joint this far from the posture at the end of the way has not arrived [rad]."""
 
-STILL_READINGS = 1000
-"""Readings in a row without motion that a calibration takes."""
-
-STILL_RATE = 0.1
-"""Largest difference of two rates of the gyro among them, per axis [rad/s]."""
-
-SET_DOWN_READINGS = 125
-"""Readings over which the feet have to carry the robot, before the controller takes over."""
+OLD_BIAS = 30.0
+"""After which a bias that could not be taken anew is too old for a hand-over [s]."""
 
 CARRIES, CARRIES_NOTHING = 0.5, 0.15
 """Fractions of the weight: the feet carry the robot above one, and nothing any more below the other."""
 
-TAKE_OVER = 0.5
-"""How long the controller's commands take to replace those before [s]."""
+TAKE_OVER, CHANGE_OVER = 0.5, 0.1
+"""How long the controller's commands take to replace those of the posture, and the task's those of standing [s]."""
 
 COMMANDED = 250
 """Periods after which a motor that still says that it waits for a command has a fault."""
@@ -85,7 +79,8 @@ class Deployment:
 
     Attributes:
         stage: now.
-        cause: why it stopped; ``None`` before.
+        cause: why it stopped, the first cause; ``None`` before.
+        end_cause: why it ended in latched damping; ``None`` before.
         stream: of the states.
         estimator: of the state.
         state: the last estimate; ``None`` before the calibration.
@@ -116,6 +111,7 @@ class Deployment:
         self._message = CommandMessage()
         self.stage = Stage.ZERO_TORQUE
         self.cause: str | None = None
+        self.end_cause: str | None = None
         self.state: RobotState | None = None
         self._reading: SensorReading | None = None
         self._fault, self._faulty, self._fresh = "", 0, False
@@ -123,10 +119,13 @@ class Deployment:
         self._periods, self._began = 0, 0.0
         self._buttons = 0
         self._ramp: PostureRamp | None = None
-        self._rates, self._still = np.zeros((STILL_READINGS, 3)), 0
-        self._recent: deque[SensorReading] = deque(maxlen=SET_DOWN_READINGS)
-        self._carried, self._gyro_bias = 0, np.zeros(3)
+        self._rest = RestWatch()
+        self._gyro_bias, self._learnt = np.zeros(3), 0.0
+        self._armed, self._carries, self._hangs = False, 0, 0
         self._before: MotorCommand | None = None
+        self._blend, self._gap = 0.0, 0
+        self._told: str | None = None
+        self._effort, self._speed = robot.joint_array("effort"), robot.joint_array("velocity")
         self._last: MotorCommand | None = None
         self._task_done = self._dry = False
         self._weight = robot.total_mass * GRAVITY
@@ -158,8 +157,9 @@ class Deployment:
         if self.state is not None:
             try:
                 self.state = self.estimator.update(reading)
-            except (ValueError, np.linalg.LinAlgError) as error:
-                self._fault, self._fresh = f"estimator: {error}", False
+            except Exception as error:
+                # the state is as unknown then as without a reading
+                self._fault, self._fresh = f"estimator: {type(error).__name__}: {error}", False
 
     @property
     def begun(self) -> bool:
@@ -184,16 +184,16 @@ class Deployment:
         """
         self.missing = 0 if self._fresh else self.missing + 1
         self.bridged += not self._fresh
-        self._fresh = False
+        new, self._fresh = self._fresh, False
         try:
             go, stop = self._wishes(around)
-            self._react(self._verdict(around), stop)
+            self._react(self._verdict(around, new), stop)
             command = self._checked(self._steps[self.stage](self.stamp, go))
-            return self._written(command)
+            return self._written(brake(self.robot, self.stamp) if self.damped else command)
         except Exception as error:
             # a mistake in a program is no reason to leave the motors alone
-            LOGGER.exception("the deployment gives no command: the motors brake")
             self.damp(f"{type(error).__name__}: {error}")
+            LOGGER.exception("the deployment gives no command: the motors brake")
             return self._written(brake(self.robot, self.stamp))
 
     def _written(self, command: MotorCommand) -> bytes:
@@ -209,8 +209,8 @@ class Deployment:
         new, self._buttons = pressed & ~self._buttons, pressed
         return around.go or bool(new & GO), around.stop or bool(new & STOP)
 
-    def _verdict(self, around: Surroundings) -> Verdict:
-        verdict = self._protection.inspect(self.stream.message, around, self._periods > COMMANDED)
+    def _verdict(self, around: Surroundings, new: bool) -> Verdict:
+        verdict = self._protection.inspect(self.stream.message, around, self._periods > COMMANDED, new)
         if verdict.reaction < Reaction.FADE and (why := self._unseen()):
             return Verdict(Reaction.FADE, why)
         return verdict
@@ -240,20 +240,25 @@ class Deployment:
         elif verdict.reaction is Reaction.HOLD or stop:
             self._hold(verdict.cause or "stop")
         supervisor = self._agent.supervisor
-        if self._has_control and supervisor.cause is not None:
-            if supervisor.damping:
-                self.damp(supervisor.cause)
-            elif self.stage is not Stage.STOPPING:
-                self._to(Stage.STOPPING, supervisor.cause)
+        if not self._has_control or supervisor.last_cause is None:
+            return
+        if supervisor.damping:
+            self.damp(supervisor.last_cause)
+        elif self.stage is not Stage.STOPPING:
+            self._to(Stage.STOPPING, supervisor.last_cause)
+        elif supervisor.last_cause != self._told:
+            self._say(f"besides: {supervisor.last_cause}")
+        self._told = supervisor.last_cause
 
     def damp(self, cause: str) -> None:
         """Brake from now on, for good."""
         self._to(Stage.DAMPED, cause)
+        self.end_cause = self.end_cause or cause
 
     def _fade(self, cause: str) -> None:
         """Fade out where the controller has the robot; a hanging robot is damped."""
         if self._has_control:
-            self._agent.supervisor.fade(cause, self.stamp, self._check.lost)
+            self._agent.supervisor.fade(cause, self.stamp, self._check.lost, self._last)
         else:
             self.damp(cause)
 
@@ -275,15 +280,29 @@ class Deployment:
 
     def _checked(self, command: MotorCommand) -> MotorCommand:
         """The command, unless it would make a joint jump; where a joint's position is not known, it is only braked."""
-        last = self._last
-        if last is not None and not self.damped:
-            i, jump = largest_jump(last, command)
-            if jump > self.limits.set_point_jump:
-                self._fade(f"set-point of {self.robot.joint_names[i]} jumps by {jump:.2f} rad")
-                return brake(self.robot, command.stamp) if self.damped else last
+        last, gap = self._last, self._gap + 1
+        self._gap = self.missing
+        if last is not None and self._has_control and (jump := self._describe_jump(last, command, gap)):
+            # what jumps is not sent: fade out from what was
+            self._agent.supervisor.fade(jump, self.stamp, sent=last)
+            return last
         if self._faulty and self._check.lost.any():
             return _without(command, self._check.lost)
         return command
+
+    def _describe_jump(self, last: MotorCommand, command: MotorCommand, periods: int) -> str:
+        """Which joint jumps from one command to the next, in words; empty where none does."""
+        limits, dt = self.limits, self._agent.dt
+        moved = np.where((last.kp > 0.0) & (command.kp > 0.0), np.abs(command.q - last.q), 0.0)
+        beyond = moved - limits.set_point_jump - periods * dt * self._speed
+        i = int(np.argmax(beyond))
+        if beyond[i] > 0.0:
+            return f"set-point of {self.robot.joint_names[i]} jumps by {moved[i]:.2f} rad"
+        torque = np.abs(command.tau - last.tau) / self._effort
+        i = int(np.argmax(torque))
+        if torque[i] > limits.torque_jump:
+            return f"torque of {self.robot.joint_names[i]} jumps by {100 * torque[i]:.0f} % of its limit"
+        return ""
 
     # -- stages
 
@@ -320,48 +339,83 @@ class Deployment:
         self._dry, self.stage = True, Stage.CALIBRATION
 
     def _calibrate(self, stamp: float, go: bool) -> MotorCommand:
-        if self.missing == 0 and self._reading is not None:
-            self._rates[self._still % STILL_READINGS] = self._reading.gyro
-            self._still += 1
-            self._recent.append(self._reading)
-        if self._still >= STILL_READINGS:
-            if (np.ptp(self._rates, axis=0) < STILL_RATE).all():
-                self._gyro_bias = self._rates.mean(axis=0)
-                self.state = self.estimator.calibrate(list(self._recent), gyro_bias=self._gyro_bias)
-                self._agent.reset(self.state)
+        self._watch_rest()
+        if self._rest.full:
+            if motion := self._rest.describe_motion():
+                self._say(f"the calibration begins again: {motion}")
+                self._rest.restart()
+            else:
+                self._learn(stamp)
                 self._say("bias of the gyro: " + ", ".join(f"{b:.4f}" for b in self._gyro_bias) + " rad/s")
                 self._to(Stage.HUNG)
-            else:
-                self._still = 0
-                self._say("not still: the calibration begins again")
         return self._hold_posture(stamp)
 
-    def _hung(self, stamp: float, go: bool) -> MotorCommand:
-        """The controller computes what it would say; that is thrown away."""
+    def _watch_rest(self) -> None:
+        if self.missing == 0 and self._reading is not None:
+            self._rest.add(self._reading)
+
+    def _learn(self, stamp: float) -> None:
+        """Take bias and tilt from a robot at rest; the controller beside it begins anew."""
+        self._gyro_bias, self._learnt = self._rest.bias(), stamp
+        self.state = self.estimator.calibrate(self._rest.recent(), gyro_bias=self._gyro_bias)
+        self._agent.reset(self.state)
+        self._rest.restart()
+
+    def _computes_beside(self, stamp: float) -> None:
+        """The controller computes what it would say, which is thrown away.
+
+        In the air nothing corrects tilt and velocity, and the bias drifts: whenever the robot hung still for a while,
+        they are taken anew.
+        """
         assert self.state is not None
+        self._watch_rest()
+        if self._rest.full and self._load() < CARRIES_NOTHING:
+            if self._rest.describe_motion():
+                self._rest.restart()
+            else:
+                self._learn(stamp)
         self._agent.tick(self.state)
+
+    def _not_ready(self, stamp: float) -> str:
+        """Why the controller must not have the robot, in words; empty where it may."""
+        if (cause := self._agent.supervisor.cause) is not None:
+            return f"the controller beside it has stopped: {cause}"
+        if stamp - self._learnt > OLD_BIAS:
+            return f"the robot has not hung still for {stamp - self._learnt:.0f} s: the gyro's bias is too old"
+        return ""
+
+    def _hung(self, stamp: float, go: bool) -> MotorCommand:
+        self._computes_beside(stamp)
         if go:
-            self._recent.clear()
-            self._to(Stage.LOWERED)
+            if why := self._not_ready(stamp):
+                self._say(f"not yet: {why}")
+            else:
+                self._to(Stage.LOWERED)
         return self._hold_posture(stamp)
 
     def _lowered(self, stamp: float, go: bool) -> MotorCommand:
-        assert self._reading is not None and self.state is not None
-        self._agent.tick(self.state)
+        """A go arms the hand-over; then it waits for feet that carry."""
+        self._computes_beside(stamp)
+        if go and not self._armed:
+            self._armed = True
+            self._say("the controller takes over as soon as the feet carry: lower the robot")
         if self.missing == 0:
-            self._recent.append(self._reading)
-            self._carried = self._carried + 1 if self._load() > CARRIES else 0
-        if self._carried >= SET_DOWN_READINGS:
-            self._carried = 0
-            self.state = self.estimator.calibrate(list(self._recent), gyro_bias=self._gyro_bias)
-            self._take_over(self._standing, Stage.STANDING)
+            self._carries = self._carries + 1 if self._load() > CARRIES else 0
+        if self._armed and self._carries >= SHORT and self._rest.calm():
+            if why := self._not_ready(stamp):
+                self._armed = False
+                self._say(f"not yet: {why}")
+            else:
+                self.state = self.estimator.calibrate(self._rest.recent(), gyro_bias=self._gyro_bias)
+                self._take_over(self._standing, Stage.STANDING, TAKE_OVER)
         return self._hold_posture(stamp)
 
-    def _take_over(self, agent: Agent, stage: Stage) -> None:
-        """Let an agent have the robot, from where it is."""
+    def _take_over(self, agent: Agent, stage: Stage, duration: float) -> None:
+        """Let an agent have the robot, from where it is; its commands replace the last one over ``duration`` [s]."""
         assert self.state is not None
         agent.reset(self.state)
-        self._agent, self._has_control, self._before = agent, True, self._last
+        self._agent, self._has_control = agent, True
+        self._before, self._blend = self._last, duration
         self._to(stage)
 
     def _load(self) -> float:
@@ -373,14 +427,14 @@ class Deployment:
         assert self.state is not None
         command = self._agent.tick(self.state).command
         since = stamp - self._began
-        if self._before is None or self._agent.supervisor.fading or since >= TAKE_OVER:
+        if self._before is None or self._agent.supervisor.fading or since >= self._blend:
             self._before = None
             return command
-        return mix(self._before, command, since / TAKE_OVER)
+        return mix(self._before, command, since / self._blend)
 
     def _stands(self, stamp: float, go: bool) -> MotorCommand:
         if go and stamp - self._began > TAKE_OVER:
-            self._take_over(self._task, Stage.TASK)
+            self._take_over(self._task, Stage.TASK, CHANGE_OVER)
         return self._controlled(stamp)
 
     def _does_task(self, stamp: float, go: bool) -> MotorCommand:
@@ -397,9 +451,13 @@ class Deployment:
 
     def _comes_to_rest(self, stamp: float, go: bool) -> MotorCommand:
         if self.missing == 0:
-            self._carried = self._carried + 1 if self._load() < CARRIES_NOTHING else 0
-        if go or self._carried >= SET_DOWN_READINGS:
+            self._hangs = self._hangs + 1 if self._load() < CARRIES_NOTHING else 0
+        if self._hangs >= SHORT:
             self.damp("at rest")
+        elif go and self._load() < CARRIES:
+            self.damp("at rest")
+        elif go:
+            self._say("not yet: the feet carry the robot; raise the hoist first, or damp it")
         return self._controlled(stamp)
 
     def _damped(self, stamp: float, go: bool) -> MotorCommand:

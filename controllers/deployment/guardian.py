@@ -1,11 +1,12 @@
 """The guardian: a process of its own that brakes the motors when the controller is silent.
 
 It says nothing to the motors while the controller does. It takes over for good when the controller has sent nothing for
-:data:`SILENCE`, whether it was killed, stopped or is late, or when somebody presses L2 + B; then it tells the motors to
-brake every 2 ms, until it is ended or no state comes any more. Silence is counted in what the guardian itself has
-watched: where the whole machine stood still, the controller gets its time again.
+:data:`controllers.deployment.watchman.SILENCE`, whether it was killed, stopped or is late, or when somebody presses
+L2 + B; then it tells the motors to brake every 2 ms, until it is ended or no state has come for ten minutes. Silence is
+counted in what the guardian has watched: where the whole machine stood still, the controller gets its time again.
 """
 
+import os
 import signal
 import sys
 import time
@@ -13,71 +14,33 @@ from pathlib import Path
 
 import numpy as np
 
-from controllers.deployment.heartbeat import Heartbeat, Silence
-from controllers.deployment.motors import brake
-from controllers.deployment.realtime import GUARDIAN_PRIORITY, freeze_garbage, lock_memory, schedule
+from controllers.deployment.heartbeat import Heartbeat
+from controllers.deployment.realtime import GUARDIAN_PRIORITY, anywhere, freeze_garbage, lock_memory, schedule
+from controllers.deployment.watchman import ASKED, Watchman, brake_message
 from robots.description import RobotDescription
 from robots.loader import load_robot
-from robots.unitree.dds import Network
-from robots.unitree.g1 import MODE_MACHINE, G1Joints
-from robots.unitree.messages import CommandMessage, StateMessage
-from robots.unitree.remote import button_bits
-
-SILENCE = 0.010
-"""Of the controller, after which the guardian takes over [s]."""
+from robots.unitree.g1 import MODE_MACHINE
+from robots.unitree.messages import StateMessage
+from robots.unitree.stream import PERIOD
 
 WATCH = 0.001
 """How often it looks [s]."""
 
-PERIOD = 0.002
-"""Of its commands [s]."""
-
-ALONE = 5.0
-"""Without a state, after which it ends [s]."""
-
-SILENT, ASKED = "the controller was silent", "L2 + B at the remote"
-"""Why it takes over."""
-
-DAMP_BITS = button_bits("L2", "B")
-
-
-class Watchman:
-    """Decides when to take over; what it has seen is handed to it, so it can be tried without a process."""
-
-    def __init__(self) -> None:
-        self._silence = Silence()
-        self.cause: str | None = None
-
-    def look(self, now: float, sent: float, buttons: int) -> bool:
-        """Whether the motors are to brake from now on.
-
-        Args:
-            now: monotonic time [s].
-            sent: when the controller has sent its last command, 0 before its first [s].
-            buttons: of the remote.
-        """
-        silence = self._silence.look(now, sent)
-        if self.cause is None and sent > 0.0:
-            if silence > SILENCE:
-                self.cause = SILENT
-            elif buttons & DAMP_BITS == DAMP_BITS:
-                self.cause = ASKED
-        return self.cause is not None
-
-
-def brake_message(robot: RobotDescription, mode_machine: int) -> bytes:
-    """The command to brake, sealed."""
-    message = CommandMessage()
-    G1Joints(robot).write(brake(robot, 0.0), message, mode_machine, any_variant=True)
-    return message.sealed()
+ALONE = 600.0
+"""Without a state, after which it ends: until then a cable that is put back finds motors that are braked [s]."""
 
 
 def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> None:
     """Watch until told to end by a signal, by the controller's own end, or by silence of the robot."""
-    ended = []
+    from robots.unitree.dds import Network  # noqa: PLC0415 - its threads inherit the scheduling that is set before
+
+    ended: list[bool] = []
+    parent = os.getppid()
     signal.signal(signal.SIGTERM, lambda *_: ended.append(True))
-    # a person's Ctrl-C goes to every process of the terminal; the controller decides
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTSTP):
+        # what a person does at the terminal goes to every process; the controller decides
+        signal.signal(number, signal.SIG_IGN)
+    anywhere()
     schedule(GUARDIAN_PRIORITY)
     heart = Heartbeat(path)
     network = Network(domain, interface)
@@ -85,19 +48,21 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> N
     watchman, message, data = Watchman(), StateMessage(), brake_message(robot, MODE_MACHINE)
     lock_memory()
     freeze_garbage()
-    heard = due = time.monotonic()
+    came = due = time.monotonic()
     variant, buttons = MODE_MACHINE, 0
-    while not ended and not heart.read("ended"):
+    while not ended:
         now = time.monotonic()
         heart.mark("guarded", now)
         newest = states.newest()
         if newest is not None:
-            heard = now
-            if len(newest) == message.size and message.read(newest):
+            came = now
+            if message.read(newest):
                 buttons = message.buttons
                 if message.mode_machine != variant:
                     variant = message.mode_machine
                     data = brake_message(robot, variant)
+        if commands.readers:
+            heart.mark("heard", now)
         if watchman.look(now, heart.read("sent"), buttons):
             if not heart.read("latched"):
                 if watchman.cause == ASKED:
@@ -107,9 +72,12 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> N
             if now >= due:
                 commands.send(data)
                 due = max(due + PERIOD, now)
-            if now - heard > ALONE:
+            if now - came > ALONE:
                 break
-        time.sleep(WATCH if not heart.read("latched") else 0.5 * WATCH)
+        elif heart.read("ended") or (not heart.read("sent") and os.getppid() != parent):
+            # the controller has ended of itself, or whoever started this has gone before its first command
+            break
+        time.sleep(WATCH if watchman.cause is None else 0.5 * WATCH)
 
 
 def main(arguments: list[str]) -> None:

@@ -5,9 +5,10 @@ from pathlib import Path
 
 import numpy as np
 
-FIELDS = ("sent", "guarded", "latched", "ended", "asked")
+FIELDS = ("sent", "guarded", "latched", "ended", "asked", "heard")
 """Times on the monotonic clock of this machine [s], 0 for never: the controller's last command, the guardian's last
-sign, when the guardian took over, when the controller ended of itself, when the guardian saw L2 + B."""
+sign, when the guardian took over, when the controller ended of itself, when the guardian saw L2 + B, when
+somebody was there who receives the guardian's commands."""
 
 SIZE = 8 * len(FIELDS)
 

@@ -1,5 +1,7 @@
 """The loop of a deployment: states from the network in, commands out, in time, with everything logged."""
 
+import logging
+import math
 import struct
 import time
 from collections.abc import Callable
@@ -7,24 +9,30 @@ from dataclasses import astuple, dataclass, field
 from typing import Protocol
 
 from controllers.deployment.deployment import Deployment
-from controllers.deployment.guardian import ASKED, SILENT
 from controllers.deployment.heartbeat import Heartbeat, Silence
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.ring import Kind, RingLog
 from controllers.deployment.stages import Stage
+from controllers.deployment.watchman import ASKED, SILENCE, SILENT, brake_message
 from robots.unitree.body import G1Port
+from robots.unitree.stream import PERIOD
 
-PERIOD = 0.002
-"""Of states and commands [s]."""
+LOGGER = logging.getLogger(__name__)
 
 PATIENCE = 0.0015
 """How much longer than a period a state is waited for, before the period counts as one without [s]."""
 
+FIRST_STATE = 1.0
+"""How long the first state is waited for [s]."""
+
 AROUND = struct.Struct("<???dqdq")
 """How :class:`Surroundings` are written."""
 
-DAMPED_FOR = 2.0
-"""How long the motors are told to brake before the program ends [s]."""
+DAMPED_FOR = 1000
+"""Periods with a new state in which the motors are told to brake before the program ends."""
+
+DEAF_FOR = 10.0
+"""How long they are told so where no state comes; then it is left to the guardian, which goes on [s]."""
 
 
 class Person(Protocol):
@@ -88,6 +96,11 @@ class DeploymentLoop:
         log: of everything in and out.
         person: who is asked.
         write: whether commands are sent; a dry run does all but that.
+        clock: monotonic [s].
+
+    Attributes:
+        timing: how the deadlines were kept.
+        braked: whether the robot was seen to be told to brake until the end.
     """
 
     def __init__(
@@ -100,50 +113,74 @@ class DeploymentLoop:
         write: bool = True,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        self.deployment, self.timing = deployment, Timing()
+        self.deployment, self.timing, self.braked = deployment, Timing(), False
         self._port, self._heart, self._log, self._person = port, heart, log, person
         self._write, self._clock = write, clock
         self._guardian = Silence()
         self._sent: bytes | None = None
-        self._damped_at: float | None = None
+        self._braked_periods, self._damped_at = 0, float("nan")
         self._stage, self._stage_began = deployment.stage, clock()
 
     def run(self) -> str | None:
-        """Run to the end; returns the cause of the stop. It begins with the first sound state."""
+        """Run to the end, which begins with the first sound state; returns the first cause of the stop.
+
+        Whatever is wrong in here, log and network included, brakes the motors.
+        """
         self._stage_began = self._clock()
-        due = self._stage_began + PERIOD
-        while True:
-            arrivals = self._port.receive(due + PATIENCE)
-            begun = self._clock()
-            due = begun + PERIOD - (PATIENCE if not arrivals else 0.0)
-            for data, arrived in arrivals:
-                self._log.write(Kind.STATE, arrived, data)
-                self.deployment.take(data, arrived)
-            if self._heart.read("latched"):
-                return self._guarded()
-            if not self.deployment.begun:
-                continue
-            self._period(begun)
-            if self._over():
-                return self.deployment.cause
+        due, latest = self._stage_began + PERIOD, self._stage_began + FIRST_STATE
+        while not self._over():
+            try:
+                begun = self._take_in(due)
+                due = self._clock() + PERIOD
+                if self._heart.read("latched"):
+                    return self._guarded()
+                if self.deployment.begun:
+                    self._period(begun)
+                elif begun > latest or any(self._person.wishes(self._stage, False, 0.0)[1:]):
+                    self.deployment.damp("no sound state has come since the release, or stopped before it")
+                    self._brake()
+                    return self.deployment.cause
+            except Exception as error:
+                first = not self.deployment.damped
+                self.deployment.damp(f"{type(error).__name__}: {error}")
+                self._brake()
+                if first:
+                    LOGGER.exception("the loop of the deployment: the motors brake")
+        return self.deployment.cause
+
+    def _take_in(self, due: float) -> float:
+        """Take in what comes until ``due`` and a little longer [s]; returns when it had come."""
+        arrivals = self._port.receive(due + PATIENCE)
+        begun = self._clock()
+        for data, arrived in arrivals:
+            self.deployment.take(data, arrived)
+            self._log.write(Kind.STATE, arrived, data)
+        return begun
 
     def _period(self, begun: float) -> None:
         deployment, timing = self.deployment, self.timing
         around = self._surroundings(begun)
-        self._log.write(Kind.AROUND, begun, pack_surroundings(around))
         command = deployment.step(around)
         now = self._clock()
         fresh = deployment.missing == 0
         late = timing.count(now - begun, now - deployment.stream.clock.stamp, fresh)
+        sent = self._sent if late and self._sent is not None and not deployment.damped else command
+        # a process that was stopped for so long is not to say anything stiff any more: the guardian has the motors
+        if self._write and not self._heart.read("latched") and now - begun < SILENCE:
+            self._port.send(sent)
+            self._heart.mark("sent", self._clock())
+        self._sent = sent
+        self._braked_periods += fresh and deployment.damped
+        self._log.write(Kind.AROUND, begun, pack_surroundings(around))
         self._log.write(Kind.COMMAND, now, command)
-        if late and self._sent is not None and not deployment.damped:
-            # nothing new: what it answers has passed
-            command = self._sent
-        if self._write:
-            self._port.send(command)
-        self._sent = command
-        self._heart.mark("sent", self._clock())
         self._log.write(Kind.SENT, now, bytes([not late]))
+
+    def _brake(self) -> None:
+        """Tell the motors to brake, by nothing but the network."""
+        if self._write and not self._heart.read("latched"):
+            robot, message = self.deployment.robot, self.deployment.stream.message
+            self._port.send(brake_message(robot, message.mode_machine))
+            self._heart.mark("sent", self._clock())
 
     def _surroundings(self, now: float) -> Surroundings:
         deployment = self.deployment
@@ -155,12 +192,14 @@ class DeploymentLoop:
         return Surroundings(go, stop, damp, self._port.battery(), strangers, guarded, self.timing.late_in_a_row)
 
     def _over(self) -> bool:
+        """Whether the motors have braked long enough; where the robot cannot be heard, it is left to the guardian."""
         if not self.deployment.damped:
             return False
         now = self._clock()
-        if self._damped_at is None:
+        if math.isnan(self._damped_at):
             self._damped_at = now
-        return now - self._damped_at > DAMPED_FOR
+        self.braked = self._braked_periods >= DAMPED_FOR or not self._write
+        return self.braked or now - self._damped_at > DEAF_FOR
 
     def _guarded(self) -> str | None:
         """The guardian has the motors: say so, and do not fight for them."""

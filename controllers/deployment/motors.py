@@ -57,10 +57,3 @@ def mix(before: MotorCommand, after: MotorCommand, share: float) -> MotorCommand
 def _divided(numerator: Array, gain: Array, otherwise: Array) -> Array:
     """Quotient, and ``otherwise`` where the gain is zero."""
     return np.divide(numerator, gain, out=otherwise.copy(), where=gain > 0.0)
-
-
-def largest_jump(before: MotorCommand, after: MotorCommand) -> tuple[int, float]:
-    """Joint whose set-point goes farthest from one command to the next, and how far [rad]; only stiff joints count."""
-    jump = np.where((before.kp > 0.0) & (after.kp > 0.0), np.abs(after.q - before.q), 0.0)
-    i = int(np.argmax(jump))
-    return i, float(jump[i])

@@ -1,5 +1,6 @@
 """What comes before the first command: connect, check, release the on-board service."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,13 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from controllers.deployment.protection import ProtectionLimits
+from controllers.deployment.rest import GRAVITY_ERROR
 from robots.errors import SafeWbcError
 from robots.messages import Array
 from robots.unitree.body import G1Port
 from robots.unitree.g1 import MODE_MACHINE, G1Joints
+from robots.unitree.messages import StateMessage
 from robots.unitree.motor_faults import TIMED_OUT, describe_bits
 from robots.unitree.stream import PERIOD, StateStream
 from robots.unitree.switcher import SwitcherClient, SwitcherError
+from wbc.wrench import GRAVITY
 
 CONNECT_TIME = 10.0
 """How long states are waited for [s]."""
@@ -21,11 +25,14 @@ CONNECT_TIME = 10.0
 CHECKED = 250
 """Sound states in a row that the checks look at."""
 
-BEYOND_LIMITS = 0.1
+OUTSIDE_AT_MOST = 0.1
 """How far a joint may be outside its limits at the start [rad]."""
 
 MOST_BIAS = 0.2
 """Mean rate of the gyro at rest beyond which it is broken, or the robot swings [rad/s]."""
+
+TILT_ERROR = 0.15
+"""How far gravity by accelerometer and by the IMU's own filter may differ [rad]."""
 
 RELEASES = 5
 """How often the service is asked to let go."""
@@ -92,7 +99,7 @@ def checks(
     hottest, faulty = int(np.argmax(heat)), int(np.argmax(bits != 0))
     outside, worst = _outside(joints, motors["q"].astype(float))
     mean = float(np.abs(np.mean(gyro, axis=0)).max()) if len(gyro) else float("nan")
-    battery_text = "not heard of" if np.isnan(battery) else f"{battery:g} %"
+    battery_text = "not heard of: look at it" if np.isnan(battery) else f"{battery:g} %"
     return [
         Check(
             "variant",
@@ -102,7 +109,7 @@ def checks(
         ),
         Check("rate of states", abs(rate * PERIOD - 1.0) < 0.1, f"{rate:.0f} Hz", "450 to 550 Hz"),
         Check("broken states", stream.broken == 0, f"{stream.broken}", "none"),
-        Check("joints", outside <= BEYOND_LIMITS, f"{worst} {max(0.0, outside):.2f} rad outside", "inside limits"),
+        Check("joints", outside <= OUTSIDE_AT_MOST, f"{worst} {max(0.0, outside):.2f} rad outside", "inside limits"),
         Check(
             "temperature",
             bool(heat[hottest] < limits.warm),
@@ -116,9 +123,23 @@ def checks(
             "no errors",
         ),
         Check("battery", not battery < limits.battery, battery_text, f"{limits.battery:g} % or more"),
+        _imu_check(message),
         Check("remote", bool(message.remote.any()), "heard" if message.remote.any() else "silent", "heard"),
         Check("gyro", mean < MOST_BIAS, f"{mean:.3f} rad/s in the mean", f"below {MOST_BIAS:g} rad/s: it hangs still"),
     ]
+
+
+def _imu_check(message: StateMessage) -> Check:
+    """Whether gravity is where the IMU's own filter has it, and as large as it is."""
+    imu = message.imu[0]
+    w, x, y, z = (float(value) for value in imu["quaternion"])
+    force = imu["accelerometer"].astype(float)
+    up = np.array([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)])
+    size = float(np.linalg.norm(force))
+    angle = math.acos(max(-1.0, min(1.0, float(up @ force) / max(size, 1e-9))))
+    met = abs(size - GRAVITY) < GRAVITY_ERROR and angle < TILT_ERROR
+    found = f"{size:.2f} m/s^2, {angle:.2f} rad from where its quaternion has it"
+    return Check("gravity", met, found, f"within {GRAVITY_ERROR:g} m/s^2 and {TILT_ERROR:g} rad: it hangs still")
 
 
 def _outside(joints: G1Joints, q: Array) -> tuple[float, str]:
@@ -140,20 +161,23 @@ def release(
     """Have the on-board service let go of the motors, and see that nobody else commands them.
 
     Raises:
-        NotReadyError: it does not, or somebody does.
+        NotReadyError: it does not, or somebody does; says whether the robot may be limp.
     """
+    released = ""
     try:
         for _ in range(RELEASES):
             if not (name := switcher.mode()):
                 break
-            say(f"on-board service {name!r} is active: released; the robot is limp now")
             switcher.release()
+            released = "; it was released: THE ROBOT IS LIMP"
+            say(f"on-board service {name!r} was active, and is released: the robot is limp now")
             time.sleep(pause)
-        else:
-            raise NotReadyError(f"the on-board service {name!r} is active after {RELEASES} releases")
+        if name := switcher.mode():
+            raise NotReadyError(f"the on-board service {name!r} is active after {RELEASES} releases{released}")
     except SwitcherError as error:
-        raise NotReadyError(str(error)) from error
+        raise NotReadyError(f"{error}{released}") from error
     port.strangers()
     time.sleep(quiet)
     if count := port.strangers():
-        raise NotReadyError(f"somebody else commands the motors: {count} commands on rt/lowcmd in {quiet:g} s")
+        others = f"{count} commands on rt/lowcmd in {quiet:g} s"
+        raise NotReadyError(f"somebody else commands the motors: {others}{released}")

@@ -11,12 +11,12 @@ from enum import IntEnum
 
 import numpy as np
 
+from controllers.deployment.stages import DAMP_BITS
 from robots.errors import ConfigError
 from robots.messages import Array, SensorReading
 from robots.unitree.g1 import MODE_MACHINE, G1Joints
 from robots.unitree.messages import StateMessage
 from robots.unitree.motor_faults import TIMED_OUT, describe_bits
-from robots.unitree.remote import button_bits
 
 
 class Reaction(IntEnum):
@@ -43,7 +43,9 @@ class ProtectionLimits:
         remote_silent: without anything from the remote, after which the task ends [s].
         guardian_silent: without a sign of the guardian, as watched, after which the motors only brake [s].
         jump: of a joint from one state to the next beyond what its limit of speed allows [rad].
-        set_point_jump: of a set-point from one command to the next, where its gain is not zero [rad].
+        set_point_jump: of a set-point from one command to the next beyond what the joint's limit of speed allows, where
+            its gain is not zero [rad].
+        torque_jump: of a feed-forward torque from one command to the next, as a fraction of its limit.
     """
 
     warm: float = 80.0
@@ -53,7 +55,8 @@ class ProtectionLimits:
     remote_silent: float = 3.0
     guardian_silent: float = 0.02
     jump: float = 0.2
-    set_point_jump: float = 0.3
+    set_point_jump: float = 0.1
+    torque_jump: float = 0.75
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +82,6 @@ class Surroundings:
     late: int = 0
 
 
-DAMP_BITS = button_bits("L2", "B")
-"""Of the remote: damp."""
-
 LATE_IN_A_ROW = 10
 """Commands in a row that were not ready within a period, after which the motors fade out."""
 
@@ -95,30 +95,33 @@ class Rule:
         reaction: what it leads to.
         periods: for how many periods in a row it has to be so.
         limit: in words.
+        of_state: whether it looks at the robot's state: then only new ones count.
     """
 
     name: str
     reaction: Reaction
     periods: int
     limit: str
+    of_state: bool = True
 
 
 SECOND = 500
 """Periods in a second."""
 
 RULES = (
-    Rule("person", Reaction.DAMP, 1, "L2 + B at the remote, d at the keyboard"),
-    Rule("stranger", Reaction.DAMP, 1, "a command on rt/lowcmd that is not ours"),
+    Rule("person", Reaction.DAMP, 1, "L2 + B at the remote, d at the keyboard", False),
+    Rule("stranger", Reaction.DAMP, 1, "a command on rt/lowcmd that is not ours", False),
     Rule("variant", Reaction.DAMP, 2, "mode_machine is not 5 any more"),
-    Rule("guardian", Reaction.DAMP, 1, "no sign of the guardian for 20 ms"),
+    Rule("guardian", Reaction.DAMP, 1, "no sign of the guardian for 20 ms", False),
     Rule("motor error", Reaction.DAMP, 2, "a bit of motorstate of a leg or the waist"),
     Rule("hot motor", Reaction.DAMP, 2, "85 degrees Celsius of casing or winding"),
     Rule("joint rate", Reaction.DAMP, 2, "10 rad/s of a joint"),
-    Rule("late", Reaction.FADE, 1, "10 commands in a row not ready within 2 ms"),
-    Rule("IMU", Reaction.FADE, 50, "gyro and accelerometer say the same to the last bit, for 100 ms"),
+    Rule("late", Reaction.FADE, 1, "10 commands in a row not ready within 2 ms", False),
+    Rule("gyro", Reaction.FADE, 50, "the same to the last bit, for 100 ms"),
+    Rule("accelerometer", Reaction.FADE, 50, "the same to the last bit, for 100 ms"),
     Rule("arm motor error", Reaction.HOLD, 2, "a bit of motorstate of an arm"),
     Rule("warm motor", Reaction.HOLD, SECOND, "80 degrees Celsius of casing or winding"),
-    Rule("battery", Reaction.HOLD, SECOND, "below 20 %"),
+    Rule("battery", Reaction.HOLD, SECOND, "below 20 %", False),
     Rule("remote", Reaction.HOLD, 3 * SECOND, "nothing from the remote, for 3 s"),
 )
 """What is watched beside the states themselves; see the table in docs/hardware.md."""
@@ -143,7 +146,8 @@ class Protection:
         names = joints.robot.joint_names
         self._is_arm = np.array([any(part in name for part in ("shoulder", "elbow", "wrist")) for name in names])
         self._in_a_row = dict.fromkeys((rule.name for rule in RULES), 0)
-        self._imu, self._commanded = b"", False
+        self._said: dict[str, bytes] = {}
+        self._commanded = False
         self._checks: dict[str, Callable[[StateMessage, Surroundings], str]] = {
             "person": self._person,
             "stranger": self._stranger,
@@ -157,12 +161,13 @@ class Protection:
             "warm motor": lambda m, s: self._heat(m, self.limits.warm),
             "battery": self._battery,
             "remote": self._remote,
-            "IMU": self._stuck,
+            "gyro": lambda m, s: self._stuck(m, "gyroscope"),
+            "accelerometer": lambda m, s: self._stuck(m, "accelerometer"),
         }
         if set(self._checks) != set(self._in_a_row):
             raise ConfigError("rules", sorted(set(self._checks) ^ set(self._in_a_row)), "one check each")
 
-    def inspect(self, message: StateMessage, around: Surroundings, commanded: bool) -> Verdict:
+    def inspect(self, message: StateMessage, around: Surroundings, commanded: bool, fresh: bool = True) -> Verdict:
         """What the last sound state and the surroundings come to; call it once a period.
 
         Args:
@@ -170,10 +175,13 @@ class Protection:
             around: the robot.
             commanded: whether the motors have been told something for half a second: before, that they wait for it is
                 no fault.
+            fresh: whether the state is a new one, and was believed; a rule of the state waits for one.
         """
         self._commanded = commanded
         verdict = SOUND
         for rule in RULES:
+            if rule.of_state and not fresh:
+                continue
             cause = self._checks[rule.name](message, around)
             self._in_a_row[rule.name] = self._in_a_row[rule.name] + 1 if cause else 0
             if self._in_a_row[rule.name] >= rule.periods and rule.reaction > verdict.reaction:
@@ -231,11 +239,10 @@ class Protection:
     def _remote(self, message: StateMessage, around: Surroundings) -> str:
         return "" if message.remote.any() else "nothing comes from the remote"
 
-    def _stuck(self, message: StateMessage, around: Surroundings) -> str:
-        imu = message.imu[0]
-        now = imu["gyroscope"].tobytes() + imu["accelerometer"].tobytes()
-        same, self._imu = now == self._imu, now
-        return "gyro and accelerometer stand still" if same else ""
+    def _stuck(self, message: StateMessage, field: str) -> str:
+        now = message.imu[0][field].tobytes()
+        same, self._said[field] = now == self._said.get(field), now
+        return "it stands still" if same else ""
 
 
 class ReadingCheck:

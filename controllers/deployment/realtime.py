@@ -1,5 +1,6 @@
 """What a process does to keep its deadlines, as far as it is permitted; each returns in words what came of it."""
 
+import contextlib
 import ctypes
 import gc
 import os
@@ -29,6 +30,12 @@ def pin(cpu: int | None) -> str:
     except (OSError, AttributeError) as error:
         return f"on any processor ({error})"
     return f"on processor {cpu}"
+
+
+def anywhere() -> None:
+    """Run on any processor, wherever the parent was kept."""
+    with contextlib.suppress(OSError, AttributeError):
+        os.sched_setaffinity(0, range(os.cpu_count() or 1))
 
 
 def lock_memory() -> str:

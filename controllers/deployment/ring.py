@@ -8,6 +8,7 @@ so that a reader finds whole records only, in their order, whatever was being wr
 
 import json
 import mmap
+import os
 import struct
 import zlib
 from collections.abc import Iterator
@@ -70,7 +71,7 @@ class RingLog:
         head: what the first page says, as JSON can.
 
     Raises:
-        ConfigError: the file exists, or the head is too long.
+        ConfigError: the file exists, there is no room for it, or the head is too long.
     """
 
     def __init__(self, path: Path, size: int, head: dict[str, Any]) -> None:
@@ -80,9 +81,14 @@ class RingLog:
         chunks = max(2, -(-size // CHUNK))
         try:
             with path.open("xb") as file:
-                file.truncate(PAGE + chunks * CHUNK)
+                # a hole that finds no room on the disk later would end the process
+                os.posix_fallocate(file.fileno(), 0, PAGE + chunks * CHUNK)
         except FileExistsError as error:
             raise ConfigError("log", str(path), "a file that does not exist yet") from error
+        except OSError as error:
+            path.unlink(missing_ok=True)
+            needed = f"in a place with room for {(PAGE + chunks * CHUNK) / 1e6:.0f} MB ({error.strerror})"
+            raise ConfigError("log", str(path), needed) from error
         with path.open("r+b") as file:
             self._memory = mmap.mmap(file.fileno(), 0)
         self._memory[: len(text)] = text

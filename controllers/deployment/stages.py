@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from enum import StrEnum
 
+from robots.unitree.remote import button_bits
+
 
 class Stage(StrEnum):
     """Where a deployment is."""
@@ -71,8 +73,8 @@ STAGES = (
     StageRow(
         Stage.LOWERED,
         "to hold the posture",
-        "lowers the hoist until the rope is slack",
-        "the feet carry most of the weight, still, for half a second, and go",
+        "says go, then lowers the hoist",
+        "go, and then feet that carry more than half of the weight for a quarter of a second, with little motion",
         True,
     ),
     StageRow(Stage.STANDING, "what the controller says: the robot stands by itself", "sees that it stands", "go", True),
@@ -81,7 +83,7 @@ STAGES = (
         Stage.STOPPING,
         "what the controller says: the task comes to rest, balance is kept",
         "raises the hoist",
-        "the feet carry nothing any more, or go",
+        "the feet carry nothing any more for a quarter of a second; or less than half, and go",
         True,
     ),
     StageRow(Stage.DAMPED, "to brake, for good", "switches the robot off", "the end of the program", False),
@@ -98,6 +100,10 @@ BUTTONS = (
 
 KEYS = (("Enter", "go"), ("s", "stop"), ("d", "damp"))
 """The same on a keyboard, each with Enter."""
+
+
+DAMP_BITS = button_bits("L2", "B")
+"""Of the remote's buttons: damp."""
 
 
 def row_of(stage: Stage) -> StageRow:

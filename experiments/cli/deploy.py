@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -78,7 +79,8 @@ class Session:
         self._person = Keyboard(common.yes)
         head = {"task": built.scenario, "options": _plain(common), "robot": built.robot.name}
         self._log = RingLog(folder / LOG, int(common.log_seconds * BYTES_A_SECOND), head)
-        self._heart = Heartbeat(folder / HEART, create=True)
+        self._heart_file = memory_file(folder / HEART)
+        self._heart = Heartbeat(self._heart_file, create=True)
         self._deployment = built.deployment(self._say)
 
     def _say(self, text: str) -> None:
@@ -92,8 +94,10 @@ class Session:
         from robots.unitree.stream import StateStream
 
         common, say = self._common, self._say
-        for signal_number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(signal_number, lambda *_: self._person.interrupt())
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            # a terminal that is closed is a wish to stop, not a reason to drop the robot
+            signal.signal(number, lambda *_: self._person.interrupt())
+        signal.signal(signal.SIGTSTP, signal.SIG_IGN)
         say(schedule(CONTROLLER_PRIORITY) + ", " + pin(common.cpu))
         say("remote: " + "; ".join(f"{b}: {text}" for b, text in BUTTONS))
         say("keyboard, each with Enter: " + "; ".join(f"{k}: {text}" for k, text in KEYS))
@@ -108,14 +112,17 @@ class Session:
         stream = StateStream(self._deployment.joints)
         rate = connect(port, stream)
         say(f"states at {rate:.0f} Hz")
-        guardian = None if common.dry_run else self._start_guardian()
+        guardian = None
         try:
+            guardian = None if common.dry_run else self._start_guardian()
             self._check(port, stream, rate)
             if not common.dry_run:
-                self._release(network, port)
+                self._release(network, port, stream, rate)
             cause = self._drive(port)
         except BaseException:
-            self._heart.mark("ended", time.monotonic())
+            if not self._heart.read("sent"):
+                # the motors were told nothing: there is nothing to guard
+                self._heart.mark("ended", time.monotonic())
             raise
         finally:
             self._announcer.close()
@@ -124,18 +131,20 @@ class Session:
     def _start_guardian(self) -> subprocess.Popen[bytes]:
         common = self._common
         module = "controllers.deployment.guardian"
-        arguments = [str(self._folder / HEART), str(common.domain), common.interface, self._built.robot.name]
+        arguments = [str(self._heart_file), str(common.domain), common.interface, self._built.robot.name]
         guardian = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
         end = time.monotonic() + GUARDIAN_START
         while not self._heart.read("guarded"):
             if time.monotonic() > end or guardian.poll() is not None:
                 raise SafeWbcError("the guardian did not start: without it the robot is not driven")
             time.sleep(0.01)
+        # both have it in memory now, and nobody else is to
+        self._heart_file.unlink()
         self._say(f"guardian: process {guardian.pid}")
         return guardian
 
     def _check(self, port: Any, stream: Any, rate: float) -> None:
-        from controllers.deployment.preparation import checks, require_met
+        from controllers.deployment.preparation import Check, checks, require_met
 
         gyro = []
         self._say(Stage.CHECKS.value)
@@ -145,17 +154,23 @@ class Session:
                 if (reading := stream.take(data, arrived)) is not None:
                     gyro.append(reading.gyro)
         found = checks(stream, rate, port.battery(), np.array(gyro))
+        heard = port.commanded and (self._common.dry_run or self._heart.read("heard") > 0.0)
+        text = "somebody receives rt/lowcmd" if heard else "nobody receives rt/lowcmd from here"
+        found.append(Check("hears us", heard, text, "the robot's board: are the types' hashes the same?"))
         for check in found:
             self._say(f"  {'ok  ' if check.met else 'FAIL'} {check.name}: {check.text}")
         require_met(found)
 
-    def _release(self, network: Any, port: Any) -> None:
+    def _release(self, network: Any, port: Any, stream: Any, rate: float) -> None:
         from controllers.deployment.preparation import release
         from robots.unitree.switcher import SwitcherClient
 
         self._say("go releases the on-board service: the robot has to hang, it will be limp")
-        if not self._person.wait_for_go():
+        if not self._person.wait_for_go(port, stream):
             raise SafeWbcError("stopped before anything was sent")
+        if not self._common.yes:
+            # a person may have taken their time
+            self._check(port, stream, rate)
         self._say(Stage.RELEASE.value)
         release(SwitcherClient(network), port, self._say)
 
@@ -170,11 +185,14 @@ class Session:
             self._person.end_hung_after(10.0)
             deployment.begin_dry()
         self._say(deployment.stage.value)
-        return loop.run()
+        try:
+            return loop.run()
+        finally:
+            if loop.braked and not self._heart.read("latched"):
+                self._heart.mark("ended", time.monotonic())
 
     def _end(self, cause: str | None, guardian: "subprocess.Popen[bytes] | None") -> int:
-        latched = bool(self._heart.read("latched"))
-        self._heart.mark("ended", 0.0 if latched else time.monotonic())
+        latched = bool(self._heart.read("latched")) or not (self._heart.read("ended") or self._common.dry_run)
         deployment = self._deployment
         figures = timing_figures(self.timing) | {
             "periods_bridged": deployment.bridged,
@@ -182,11 +200,12 @@ class Session:
             "states_broken": deployment.stream.broken,
             "states_repeated": deployment.stream.repeated,
         }
-        summary = {"cause": cause, "stage": deployment.stage.value, "guardian": latched} | figures
+        ended = deployment.end_cause
+        summary = {"cause": cause, "ended": ended, "stage": deployment.stage.value, "guardian": latched} | figures
         text = json.dumps(summary, indent=2)
         (self._folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
         self._log.close()
-        print(f"ended: {cause}")
+        print(f"stopped for: {cause}; ended: {ended}")
         for name, value in figures.items():
             print(f"  {name}: {value:.3g}" if isinstance(value, float) else f"  {name}: {value}")
         if self._built.motor is not None:
@@ -194,14 +213,22 @@ class Session:
                 print(f"  {torque:6.2f} N m: vibration {vibration:.4f} rad/s")
         if latched and guardian is not None:
             print(
-                f"the guardian, process {guardian.pid}, brakes the motors until no state comes any more; kill it then"
+                f"the guardian, process {guardian.pid}, brakes the motors. When the robot is safe: kill {guardian.pid}"
             )
         print(f"log: {self._folder / LOG}")
-        return 0 if cause in EXPECTED else FAULT
+        return 0 if (ended or "").startswith(EXPECTED) else FAULT
 
 
-EXPECTED = ("the task is over", "stop", "at rest", "the motor check is over")
-"""Causes that are no fault."""
+EXPECTED = ("at rest", "stop", "the motor check is over", "person", "the guardian has taken over: L2 + B")
+"""What it may end with that is no fault."""
+
+
+def memory_file(path: Path) -> Path:
+    """A file of this process in memory, where there is such a place: a disk that is busy keeps nobody waiting."""
+    shared = Path("/dev/shm")
+    if not os.access(shared, os.W_OK):
+        return path
+    return shared / f"safewbc-{os.getpid()}-{path.name}"
 
 
 def timing_figures(timing: Timing) -> dict[str, float | int]:

@@ -17,6 +17,10 @@ class Expected(StrEnum):
     """Motors brake at once, and are damped."""
     GUARDIAN = "guardian damps"
     """The same, by the guardian."""
+    DRIVES_DAMP = "drives damp"
+    """Nobody commands the motors any more, and they damp by themselves."""
+    DRIVES_HOLD = "drives hold"
+    """Nobody commands the motors any more, and they hold the last command."""
     NOT_READY = "not ready"
     """The motors are told nothing at all."""
 
@@ -33,6 +37,7 @@ class FaultCase:
         cause: what the cause has to contain; empty where there is none.
         within: from the fault to the first sign of the reaction [s].
         brakes: from that to the motors' braking, where they have to [s].
+        twin: options of the twin.
     """
 
     name: str
@@ -41,6 +46,7 @@ class FaultCase:
     cause: str = ""
     within: float = 0.1
     brakes: float = 0.02
+    twin: tuple[str, ...] = ()
 
 
 FADED = 2.1
@@ -71,7 +77,7 @@ FAULT_CASES = (
     # two writers fight: motors brake for good when the other one has gone
     FaultCase("foreign writer", ("foreign-writer 1",), Expected.DAMP, "not ours", 0.03, 1.1),
     FaultCase("waist locks itself", ("waist-locked",), Expected.DAMP, "mode_machine", 0.03),
-    FaultCase("IMU stuck", ("imu-stuck",), Expected.FADE, "IMU", 0.2, FADED),
+    FaultCase("IMU stuck", ("imu-stuck",), Expected.FADE, "stands still", 0.2, FADED),
     FaultCase("gyro's bias steps by 0.05 rad/s", ("gyro-step 0.05",), Expected.GOES_ON),
     FaultCase("network 4 ms slow, 1 ms uneven, loses 5 %", ("network 4 1 5",), Expected.GOES_ON),
     FaultCase("torque constant 10 % low", ("torque-constant 0.9",), Expected.GOES_ON),
@@ -89,6 +95,8 @@ PROCESS_CASES = (
     FaultCase("controller stopped", ("stop",), Expected.GUARDIAN, "", 0.03),
     FaultCase("controller slow, one tick of 20 ms", ("slow",), Expected.GUARDIAN, "", 0.03),
     FaultCase("guardian killed", ("kill guardian",), Expected.DAMP, "guardian", 0.05),
+    FaultCase("both killed", ("kill both",), Expected.DRIVES_HOLD, twin=("--on-timeout", "hold")),
+    FaultCase("both killed, drives damp", ("kill both",), Expected.DRIVES_DAMP, "", 0.2, twin=("--on-timeout", "damp")),
 )
 """Faults of the processes."""
 

@@ -38,12 +38,15 @@ def task_figures(robot: RobotDescription, performance: Performance) -> dict[str,
     began, stopped = p.said_at(Stage.TASK.value), p.said_at(Stage.STOPPING.value)
     done = p.cause == DONE
     until = stopped if np.isfinite(stopped) else p.truth["monotonic"][-1]
+    until_raised = p.said_at(Stage.DAMPED.value)
+    standing = until if np.isnan(until_raised) else min(until + HELD_FOR, until_raised)
     least = least_barriers(robot, p.truth, began, until)
     chosen = (p.truth["monotonic"] >= began) & (p.truth["monotonic"] <= until)
     xy = p.truth["q"][chosen][:, :2]
     return {
         "done": done,
-        "upright": bool(np.isfinite(began)) and done and upright(p.truth, p.said_at(Stage.STANDING.value), until),
+        "upright": bool(np.isfinite(began)) and done and upright(p.truth, p.said_at(Stage.STANDING.value), standing),
+        "safe": all(value > 0.0 for value in least.values()),
         "cause": p.cause,
         "way_m": float(np.linalg.norm(xy[-1] - xy[0])) if len(xy) else float("nan"),
         **{f"min_h_{family}": value for family, value in least.items()},
@@ -67,8 +70,10 @@ def fault_figures(case: FaultCase, performance: Performance, raised_at: float) -
     cause = next((text for _, text in stops), "")
     braked = braked_after(p)
     found = {"reacts_s": reacted, "brakes_s": braked, "cause": cause.partition(": ")[2]}
-    if case.expected is Expected.GUARDIAN:
+    if case.expected in (Expected.GUARDIAN, Expected.DRIVES_DAMP):
         met = bool(braked <= case.within)
+    elif case.expected is Expected.DRIVES_HOLD:
+        met = bool(np.isnan(braked))
     elif case.expected is Expected.GOES_ON:
         # what it ends with has nothing to do with the fault
         found["brakes_s"] = None

@@ -52,7 +52,12 @@ def upright(truth: Mapping[str, Array], since: float, until: float) -> bool:
 
 
 def braked_after(performance: Performance) -> float:
-    """Time from the last order to when the motors were first told only to brake; NaN for never [s]."""
+    """Time from the last order to when the motors were told only to brake, and nothing else from then on [s].
+
+    NaN where they were not, or not to the end.
+    """
     truth, since = performance.truth, performance.orders[-1][0]
-    braked = (truth["monotonic"] >= since) & truth["damped"].astype(bool)
-    return float(truth["monotonic"][np.argmax(braked)] - since) if braked.any() else float("nan")
+    stiff = np.flatnonzero((truth["monotonic"] < since) | ~truth["damped"].astype(bool))
+    first = 0 if stiff.size == 0 else int(stiff[-1]) + 1
+    times = truth["monotonic"]
+    return float(times[first] - since) if first < len(times) else float("nan")

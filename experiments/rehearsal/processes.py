@@ -167,9 +167,11 @@ class Pair:
             child.process.send_signal(signal.SIGSTOP)
             time.sleep(SLOW)
             child.process.send_signal(signal.SIGCONT)
-        elif line == "kill guardian":
+        elif line in ("kill guardian", "kill both"):
             assert self.guardian is not None
             _kill(self.guardian, signal.SIGKILL)
+            if line == "kill both":
+                child.process.kill()
         else:
             self.twin.tell(line)
 
@@ -242,6 +244,8 @@ class Pair:
             figures = json.loads(summary.read_text(encoding="utf-8"))
         if found := re.search(r"real time: factor ([\d.]+)", self.twin.text):
             figures["real_time_factor"] = float(found[1])
+        if found := re.search(r"LowCmd: (\d+) received", self.twin.text):
+            figures["commands_received"] = int(found[1])
         return Performance(truth, self._said(), self.orders, figures, code)
 
     def _said(self) -> list[tuple[float, str]]:

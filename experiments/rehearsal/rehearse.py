@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
@@ -75,12 +75,16 @@ def rehearse(options: RehearseOptions) -> int:
         rows[key] = row
         with (folder / ROWS).open("a", encoding="utf-8") as file:
             file.write(json.dumps({"key": key} | row) + "\n")
-        good = row.get("upright", row.get("as_expected"))
-        console.print(f"{number} of {len(missing)}: {key}: {'as expected' if good else 'NOT as expected'}")
+        console.print(f"{number} of {len(missing)}: {key}: {'as expected' if is_good(row) else 'NOT as expected'}")
     wanted = [rows[piece.key] for piece in pieces(options, folder)]
     show_rows(console, wanted)
     console.print(f"results: {folder / ROWS}")
-    return 0 if all(row.get("upright", row.get("as_expected")) for row in wanted) else 1
+    return 0 if all(map(is_good, wanted)) else 1
+
+
+def is_good(row: Mapping[str, Any]) -> bool:
+    """Whether a task was done upright and with every true barrier above zero, or a fault answered as expected."""
+    return bool(row["as_expected"] if "fault" in row else row["upright"] and row["safe"])
 
 
 def check(options: RehearseOptions) -> None:
@@ -199,13 +203,13 @@ def _task_row(how: str, task: RehearsedTask, twin: TwinVariant, performance: Per
 def play_fault(domain: int, during: str, case: FaultCase, folder: Path, after: float | None = None) -> dict[str, Any]:
     """A fault, by processes, at ``after`` the task's begin; at the usual time if not given [s]."""
     task, wait = DURING[during], AFTER[during] if after is None else after
-    with Pair(folder, domain, (), task.words) as pair:
+    with Pair(folder, domain, case.twin, task.words) as pair:
         pair.begin()
         if pair.run_to(Stage.TASK, TO_THE_TASK):
             pair.wait(wait)
             for order in case.orders:
                 pair.order(order)
-            if case.expected is Expected.GUARDIAN:
+            if case.expected in (Expected.GUARDIAN, Expected.DRIVES_DAMP, Expected.DRIVES_HOLD):
                 pair.wait(3.0)
             elif case.expected is Expected.GOES_ON:
                 # what comes after the task is the same without a fault
@@ -247,8 +251,8 @@ def play_before(domain: int, case: FaultCase, folder: Path) -> dict[str, Any]:
         performance = pair.finish()
     assert pair.deployment is not None
     refusal = pair.deployment.lines[-1][1] if pair.deployment.lines else ""
-    told = performance.truth["lowcmd_age"]
-    nothing = bool(np.isnan(told).all()) or "foreign" in case.name
+    # a foreign writer's commands are counted too
+    nothing = "foreign" in case.name or performance.figures.get("commands_received") == 0
     met = performance.exit_code == 2 and case.cause in refusal and nothing
     return {
         "how": "processes",

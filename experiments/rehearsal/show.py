@@ -16,6 +16,7 @@ TASK_COLUMNS = (
     Metric("mass_scale", "mass"),
     Metric("drift", "drift of the gyro's bias", "rad/s/min"),
     Metric("upright", "upright to the end", bad="false"),
+    Metric("safe", "every true h above 0", bad="false"),
     Metric("cause", "ended"),
     Metric("way_m", "way", "m"),
     Metric("min_h_self_collision", "min true h, self-collision", "mm", 1e3),
@@ -48,7 +49,7 @@ def show_rows(console: Console, rows: Sequence[Mapping[str, Any]]) -> None:
     tasks, faults = [row for row in rows if "task" in row], [row for row in rows if "fault" in row]
     if tasks:
         timed = any("periods" in row for row in tasks)
-        columns = TASK_COLUMNS if timed else TASK_COLUMNS[:11]
+        columns = TASK_COLUMNS if timed else TASK_COLUMNS[:12]
         show(rows_table(tasks, columns, f"{len(tasks)} rehearsals of tasks"), console)
     if faults:
         met = sum(bool(row["as_expected"]) for row in faults)

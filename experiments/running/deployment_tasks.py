@@ -8,7 +8,6 @@ import numpy as np
 
 from controllers.agent import Agent
 from controllers.deployment.deployment import Deployment
-from controllers.deployment.guardian import PERIOD
 from controllers.deployment.motor_check import MotorCheck, MotorCheckSettings
 from controllers.whole_body.robot_config import controller_config
 from experiments.running.run import Prepared, make_agent, prepare
@@ -21,6 +20,7 @@ from robots.description import RobotDescription
 from robots.errors import ConfigError, WithoutEffectError
 from robots.messages import Array, SensorReading
 from robots.pinocchio_model import standing_configuration
+from robots.unitree.stream import PERIOD
 
 LOG = "log.bin"
 """File of a deployment in its folder: everything in and out, see :mod:`controllers.deployment.ring`."""

@@ -1,8 +1,10 @@
 """A G1 on the network: its states as they come in, commands out, who else commands it, its battery."""
 
+import contextlib
 import time
 from typing import TYPE_CHECKING
 
+from robots.errors import ConfigError
 from robots.unitree.layout import BATTERY, unpacked
 
 if TYPE_CHECKING:
@@ -10,6 +12,9 @@ if TYPE_CHECKING:
 
 LOOK = 1e-4
 """Pause between two looks for a state [s]."""
+
+HEARD = 5.0
+"""After which what was heard of the battery is too old [s]."""
 
 WAITING = 64
 """States that may wait to be taken; older ones make room."""
@@ -22,7 +27,7 @@ class G1Port:
         self._states, self._commands = network.reader("rt/lowstate", depth=WAITING), network.writer("rt/lowcmd")
         self._others = network.reader("rt/lowcmd", own=False, depth=WAITING)
         self._batteries = network.reader("rt/lf/bmsstate")
-        self._charge = float("nan")
+        self._charge, self._charge_at = float("nan"), -float("inf")
         self.sent = 0
 
     def receive(self, until: float) -> list[tuple[bytes, float]]:
@@ -48,11 +53,12 @@ class G1Port:
         return sum(1 for _ in self._others.take())
 
     def battery(self) -> float:
-        """Charge as last heard [%]; NaN where nothing has been."""
-        newest = self._batteries.newest()
+        """Charge as last heard [%]; NaN where nothing has been heard of it for ``HEARD`` seconds."""
+        newest, now = self._batteries.newest(), time.monotonic()
         if newest is not None:
-            self._charge = float(unpacked(newest, BATTERY)["soc"][0])
-        return self._charge
+            with contextlib.suppress(ConfigError):
+                self._charge, self._charge_at = float(unpacked(newest, BATTERY)["soc"][0]), now
+        return self._charge if now - self._charge_at < HEARD else float("nan")
 
     @property
     def commanded(self) -> bool:

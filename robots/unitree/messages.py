@@ -3,7 +3,6 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from robots.errors import ConfigError
 from robots.unitree.crc import Words, crc32
 from robots.unitree.layout import (
     COMMAND_SIZE,
@@ -27,7 +26,6 @@ class Message:
     all from its ``q`` on four bytes later.
 
     Args:
-        name: of the type.
         size: of the payload [bytes].
         first: where the first motor's ``q`` is in it.
         motor: dtype of a motor from its ``q`` on.
@@ -38,8 +36,8 @@ class Message:
         motors: shape (35,) of ``motor``, a view; all zero at first.
     """
 
-    def __init__(self, name: str, size: int, first: int, motor: "np.dtype[np.void]", modes: int) -> None:
-        self._name, self.size, self._first, self._variant = name, len(HEADER) + size, first, modes
+    def __init__(self, size: int, first: int, motor: "np.dtype[np.void]", modes: int) -> None:
+        self.size, self._first, self._variant = len(HEADER) + size, first, modes
         self._bytes = np.zeros(self.size, np.uint8)
         self._bytes[: len(HEADER)] = np.frombuffer(HEADER, np.uint8)
         self._payload = self._bytes[len(HEADER) :]
@@ -89,13 +87,13 @@ class Message:
         return self._bytes.tobytes()
 
     def read(self, data: bytes) -> bool:
-        """Take over what came in, header included; returns whether its check sum is right.
+        """Take over what came in, header included; returns whether it is whole.
 
-        Raises:
-            ConfigError: it has not the length of this type, or is not little-endian CDR.
+        It is not where its length is another one, where it is no little-endian CDR (nothing is taken over then), or
+        where its check sum is wrong.
         """
         if len(data) != self.size or data[:2] != HEADER[:2]:
-            raise ConfigError(self._name, f"{len(data)} bytes", f"{self.size} bytes of little-endian CDR")
+            return False
         self._bytes[:] = np.frombuffer(data, np.uint8)
         return crc32(self.words()) == int.from_bytes(self._payload[-4:].tobytes(), "little")
 
@@ -104,7 +102,7 @@ class CommandMessage(Message):
     """``LowCmd_``: written field by field, then sealed."""
 
     def __init__(self) -> None:
-        super().__init__("LowCmd_", COMMAND_SIZE, FIRST_COMMAND, MOTOR_COMMAND, modes=0)
+        super().__init__(COMMAND_SIZE, FIRST_COMMAND, MOTOR_COMMAND, modes=0)
 
 
 class StateMessage(Message):
@@ -116,7 +114,7 @@ class StateMessage(Message):
     """
 
     def __init__(self) -> None:
-        super().__init__("LowState_", STATE_SIZE, FIRST_STATE, MOTOR_STATE, modes=8)
+        super().__init__(STATE_SIZE, FIRST_STATE, MOTOR_STATE, modes=8)
         self.imu = self._payload[16:70].view(IMU)
         self.remote = self._payload[2028:2068]
 

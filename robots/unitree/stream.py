@@ -1,5 +1,7 @@
 """The robot's states as they come in over the network: which are sound and new, and when they were measured."""
 
+from collections import Counter
+
 from robots.messages import SensorReading
 from robots.unitree.g1 import G1Joints
 from robots.unitree.messages import StateMessage
@@ -22,7 +24,7 @@ class StateClock:
 
     States are measured at even periods and come with the network's jitter. So their stamps go on by whole periods, as
     many as the counter has gone on by, and follow the time at which they come slowly. The counter's unit is not
-    documented: it is the smallest step seen.
+    documented: it is the step seen most often.
 
     Attributes:
         stamp: of the last state [s].
@@ -32,7 +34,7 @@ class StateClock:
     def __init__(self, period: float = PERIOD) -> None:
         self._period = period
         self._tick: int | None = None
-        self._unit = 0
+        self._steps: Counter[int] = Counter()
         self.stamp = 0.0
         self.lost = 0
 
@@ -49,8 +51,9 @@ class StateClock:
         if self._tick is None or arrived - self.stamp > LONGEST_GAP:
             self.stamp = max(arrived, self.stamp + self._period if self._tick is not None else arrived)
         else:
-            self._unit = step if self._unit == 0 else min(self._unit, step)
-            periods = max(1, round(step / self._unit))
+            self._steps[step] += 1
+            unit = self._steps.most_common(1)[0][0]
+            periods = max(1, round(step / unit))
             self.lost += periods - 1
             expected = self.stamp + periods * self._period
             late = arrived - expected
@@ -84,7 +87,7 @@ class StateStream:
 
     def take(self, data: bytes, arrived: float) -> SensorReading | None:
         """The reading of a state that came at ``arrived`` [s]; ``None`` where it is broken or no new one."""
-        if len(data) != self._next.size or not self._next.read(data):
+        if not self._next.read(data):
             self.broken += 1
             return None
         if self.clock.step(self._next.tick) <= 0:

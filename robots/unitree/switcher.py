@@ -27,9 +27,6 @@ REQUESTS, ANSWERS = "rt/api/motion_switcher/request", "rt/api/motion_switcher/re
 CHECK_MODE, SELECT_MODE, RELEASE_MODE = 1001, 1002, 1003
 """What the service can be asked."""
 
-AGAIN = 0.25
-"""After which a request without an answer is sent again, with the same id [s]."""
-
 NO_BYTES: Any = []
 """Of requests and answers that carry text alone."""
 

@@ -10,9 +10,6 @@ from robots.unitree.g1 import MODE_MACHINE, SERIAL, G1Joints
 from robots.unitree.layout import HEADER
 from robots.unitree.messages import CommandMessage
 
-TIMED_OUT = 0x40000000
-"""Bit of ``motorstate``: the motor has timed out on its connection. Source: Unitree's list of the motors' errors."""
-
 DAMPING = 3.0
 """Gain of the drives' own damping [N m s/rad]. Source: unitree_rl_lab, Passive."""
 

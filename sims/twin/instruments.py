@@ -7,10 +7,10 @@ from robots.messages import Array
 from robots.unitree.g1 import MOTOR_NAMES, G1Joints
 from robots.unitree.layout import BATTERY, IMU, packed
 from robots.unitree.messages import StateMessage
+from robots.unitree.motor_faults import TIMED_OUT
 from robots.unitree.remote import write_remote
 from sims.plant import ImuReading, MujocoPlant
 from sims.sensors import SensorErrors, Sensors
-from sims.twin.board import TIMED_OUT
 from sims.twin.defects import Defects
 
 VOLTAGE = 48.0

@@ -14,10 +14,10 @@ from robots.pinocchio_model import standing_configuration
 from robots.unitree.g1 import MODE_MACHINE, MOTOR_NAMES, G1Joints
 from robots.unitree.layout import BATTERY, IMU, unpacked
 from robots.unitree.messages import CommandMessage, StateMessage
+from robots.unitree.motor_faults import TIMED_OUT
 from robots.unitree.remote import read_remote
 from sims.plant import PlantConfig
 from sims.sensors import NO_ERRORS, SensorErrors
-from sims.twin.board import TIMED_OUT
 from sims.twin.instruments import roll_pitch_yaw
 from sims.twin.orders import read_script
 from sims.twin.ports import MemoryPorts

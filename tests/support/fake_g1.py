@@ -11,8 +11,9 @@ from controllers.deployment.motor_check import MotorCheck
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.stages import Stage
 from controllers.whole_body.robot_config import controller_config
+from robots.kinematics import Kinematics
 from robots.loader import load_robot
-from robots.messages import SensorReading
+from robots.messages import Array, SensorReading
 from robots.pinocchio_model import standing_configuration
 from robots.unitree.g1 import G1Joints
 from robots.unitree.messages import CommandMessage, StateMessage
@@ -45,6 +46,8 @@ class FakeG1:
         self.heard = True
         self.command = CommandMessage()
         self._rng = np.random.default_rng(0)
+        self._kin, self._base = Kinematics(ROBOT), np.array([0.0, 0.0, 0.9, 0.0, 0.0, 0.0, 1.0])
+        self._held_at, self._torque = np.full(29, np.nan), np.zeros(29)
         self.follows = True
 
     @property
@@ -54,15 +57,24 @@ class FakeG1:
     def state(self) -> bytes:
         """The next state, sealed."""
         self.tick += 1
-        zero = np.zeros(29)
+        zero, torque = np.zeros(29), self._holding()
         noise = 1e-3 * self._rng.standard_normal(6)
-        reading = SensorReading(self.q, zero, zero, self.gyro + noise[:3], UP + noise[3:], self.time)
+        reading = SensorReading(self.q, zero, torque, self.gyro + noise[:3], UP + noise[3:], self.time)
         write_remote(self.message.remote, Remote(self.buttons, (0.0, 0.0), (0.0, 0.0), self.heard))
         mode = self.message.mode_machine
         self.joints.write_state(reading, np.array([0.0, 0.0, 0.0, 1.0]), self.message, self.tick)
         if self.tick > 1 and mode:
             self.message.mode_machine = mode
         return self.message.sealed()
+
+    def _holding(self) -> Array:
+        """Torques (29,) that hold the limbs of a robot that hangs upright."""
+        if not np.array_equal(self.q, self._held_at, equal_nan=True):
+            self._held_at = self.q.copy()
+            if np.isfinite(self.q).all():
+                self._kin.update(np.concatenate([self._base, self.q]), np.zeros(35))
+                self._torque = self._kin.bias[6:].copy()
+        return self._torque
 
     def period(self, around: Surroundings | None = None, data: bytes | None = None) -> bytes:
         """One period: a state in, the answer out, which is done."""

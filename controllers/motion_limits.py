@@ -1,12 +1,9 @@
-"""Limits of tilt, height and rates, beyond which nothing but a fall can follow: the motors are only to brake then."""
+"""Limits of tilt, height and rate, beyond which nothing but a fall can follow: the motors are only to brake then."""
 
 import math
 from dataclasses import dataclass
 
-import numpy as np
-
 from robots.checks import require_between, require_positive
-from robots.description import RobotDescription
 from robots.messages import Array, RobotState
 
 IN_A_ROW = 2
@@ -17,38 +14,34 @@ IN_A_ROW = 2
 class MotionLimits:
     """What a robot that is controlled does not exceed.
 
-    Tilt and rate of the base are the manufacturer's of the G1 (unitree_sdk2, robot/g1/common/terminations.hpp). Its
-    10 rad/s of any joint are watched where a G1 is driven (:mod:`controllers.deployment.protection`); other robots have
-    faster joints.
+    Tilt and rate are the manufacturer's of the G1 (unitree_sdk2, robot/g1/common/terminations.hpp). Its 10 rad/s of any
+    joint are watched where a G1 is driven (:mod:`controllers.deployment.protection`): how fast joints may be is a
+    matter of the robot.
 
     Attributes:
         tilt: of the base from upright, in (0, pi) [rad].
         rate: of the base's turning, above 0 [rad/s].
-        joint_rate: as a fraction of each joint's limit of speed, above 0.
         height: of the base over the lower sole, as a fraction of that in the posture ``standing``, in (0, 1).
     """
 
     tilt: float = 1.0
     rate: float = 6.0
-    joint_rate: float = 1.5
     height: float = 0.6
 
     def __post_init__(self) -> None:
         require_between("limit of tilt", self.tilt, 1e-3, math.pi)
         require_between("limit of height", self.height, 1e-3, 1.0)
         require_positive("limit of rate", self.rate)
-        require_positive("limit of joint_rate", self.joint_rate)
 
 
 class MotionWatch:
     """Tells when a limit is passed for good."""
 
-    def __init__(self, robot: RobotDescription, limits: MotionLimits, stands_at: float) -> None:
+    def __init__(self, limits: MotionLimits, stands_at: float) -> None:
         """``stands_at``: height of the base over the lower sole while the robot stands [m]."""
-        self._robot, self._limits = robot, limits
+        self._limits = limits
         self._least_height = limits.height * stands_at
         self._least_upright = math.cos(limits.tilt)
-        self._fastest = limits.joint_rate * robot.joint_array("velocity")
         self._beyond = 0
 
     def inspect(self, state: RobotState, height: float) -> str | None:
@@ -72,8 +65,4 @@ class MotionWatch:
             return f"the base turns at {turning:.1f} rad/s, over {limits.rate:g}"
         if height < self._least_height:
             return f"the base is {height:.2f} m over the soles, under {self._least_height:.2f}"
-        fast = np.abs(v[6:]) > self._fastest
-        if fast.any():
-            i = int(np.argmax(fast))
-            return f"{self._robot.joint_names[i]} turns at {abs(v[6 + i]):.1f} rad/s, over {self._fastest[i]:.1f}"
         return None

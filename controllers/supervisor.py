@@ -45,7 +45,7 @@ class Supervisor:
     ``HOLD_TIME``, then torques and position gains fade over ``FADE_TIME`` and the velocity gains brake what is left. No
     biped stands for long without its state: this gives a person time, and lets the robot down instead of dropping it.
 
-    Where the robot has passed a limit of tilt, height or rates (:mod:`controllers.motion_limits`), or somebody asks for
+    Where the robot has passed a limit of tilt, height or rate (:mod:`controllers.motion_limits`), or somebody asks for
     it (:meth:`damp`), the motors brake at once, with the description's velocity gains and nothing else.
 
     A stop that keeps balance, where the state is sound but the task cannot go on, is the agent's
@@ -75,9 +75,7 @@ class Supervisor:
         self._last: MotorCommand | None = None
         kin = controller.kin
         self._soles = [kin.frame_id(sole.frame) for sole in controller.robot.soles]
-        self._watch = MotionWatch(
-            controller.robot, controller.config.limits, controller.robot.posture("standing").base_height
-        )
+        self._watch = MotionWatch(controller.config.limits, controller.robot.posture("standing").base_height)
 
     @property
     def last(self) -> MotorCommand:

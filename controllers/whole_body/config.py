@@ -223,7 +223,7 @@ class ControllerConfig:
         balance: feedback of the DCM.
         dynwbc: DynWBC.
         dynwbc_solver: QP solver of DynWBC.
-        limits: of tilt, height and rates, beyond which the motors only brake.
+        limits: of tilt, height and rate, beyond which the motors only brake.
     """
 
     dt: float = 0.002

@@ -1,4 +1,4 @@
-"""Limits of tilt, height and rates: passed twice in a row, the motors brake and nothing else."""
+"""Limits of tilt, height and rate: passed twice in a row, the motors brake and nothing else."""
 
 from dataclasses import replace
 
@@ -52,7 +52,7 @@ def bent(robot: RobotDescription, deep: float) -> RobotState:
 
 
 def watch() -> MotionWatch:
-    return MotionWatch(G1, MotionLimits(), G1.posture("standing").base_height)
+    return MotionWatch(MotionLimits(), G1.posture("standing").base_height)
 
 
 BEYOND = {
@@ -60,14 +60,13 @@ BEYOND = {
     "tilted by": tilted(standing(), -2.5, axis=1),
     "turns at": with_rate(standing(), 4, -6.1),
     "over the soles": bent(G1, 2.5),
-    "left_knee_joint turns": with_rate(standing(), 6 + G1.joint_names.index("left_knee_joint"), 31.0),
 }
 WITHIN = {
     "tilt": tilted(standing(), 0.95),
     "yaw": tilted(standing(), 3.0, axis=2),
     "rate": with_rate(standing(), 4, 5.9),
     "height": bent(G1, 1.6),
-    "joint rate": with_rate(standing(), 6 + G1.joint_names.index("left_knee_joint"), 29.0),
+    "a joint": with_rate(standing(), 6 + G1.joint_names.index("left_knee_joint"), 29.0),
 }
 
 
@@ -105,14 +104,12 @@ def test_a_robot_that_falls_is_braked_at_once_and_for_good(name: str, words: str
     agent.reset(state)
     bad = BEYOND[words]
     if name == "tocabi":
-        place = 6 + int(np.argmax(robot.joint_array("velocity") > 0.0))
-        fast = 1.6 * float(robot.joint_array("velocity")[place - 6])
         bad = {
             "tilted": tilted(state, 1.05),
             "tilted by": tilted(state, -2.5, axis=1),
             "turns at": with_rate(state, 4, -6.1),
             "over the soles": bent(robot, 2.5),
-        }.get(words, with_rate(state, place, fast))
+        }[words]
     agent.tick(state)
     for i in range(1, IN_A_ROW + 1):
         output = agent.tick(replace(bad, stamp=0.002 * i))
@@ -146,9 +143,7 @@ def test_a_joint_that_is_lost_is_only_braked_while_the_others_hold() -> None:
     assert (command.kp[~lost] > 0.0).all()
 
 
-@pytest.mark.parametrize(
-    ("field", "value"), [("tilt", 0.0), ("tilt", 4.0), ("rate", -1.0), ("height", 1.5), ("joint_rate", np.nan)]
-)
+@pytest.mark.parametrize(("field", "value"), [("tilt", 0.0), ("tilt", 4.0), ("rate", -1.0), ("height", 1.5)])
 def test_limits_that_are_none_are_refused(field: str, value: float) -> None:
     with pytest.raises(ConfigError, match=field):
         MotionLimits(**{field: value})

@@ -72,7 +72,8 @@ def test_a_sound_robot_is_sound_and_its_motors_are_told_nothing() -> None:
     assert judged == {
         "cyclonedds": "ok", "interface": "ok", "type hashes": "note", "rt/lowstate": "ok", "rt/secondary_imu": "ok",
         "rt/lf/bmsstate": "ok", "variant": "ok", "broken states": "ok", "joints": "ok", "temperature": "ok",
-        "motors": "ok", "battery": "ok", "remote": "ok", "gyro": "ok", "on-board service": "ok", "rt/lowcmd": "note",
+        "motors": "ok", "battery": "ok", "gravity": "ok", "remote": "ok", "gyro": "ok", "on-board service": "ok",
+        "rt/lowcmd": "note",
     }  # fmt: skip
     assert lines["interface"].text == "lo, 127.0.0.1"
     assert lines["variant"].text == "mode_machine 5: 29 joints"

@@ -1,5 +1,6 @@
 """The loop of a deployment: states from the network in, commands out, in time, with everything logged."""
 
+import contextlib
 import logging
 import math
 import struct
@@ -130,8 +131,9 @@ class DeploymentLoop:
         due, latest = self._stage_began + PERIOD, self._stage_began + FIRST_STATE
         while not self._over():
             try:
-                begun = self._take_in(due)
-                due = self._clock() + PERIOD
+                begun, came = self._take_in(due)
+                # without a state the next one has been waited for already
+                due = begun + PERIOD - (0.0 if came else PATIENCE)
                 if self._heart.read("latched"):
                     return self._guarded()
                 if self.deployment.begun:
@@ -148,14 +150,14 @@ class DeploymentLoop:
                     LOGGER.exception("the loop of the deployment: the motors brake")
         return self.deployment.cause
 
-    def _take_in(self, due: float) -> float:
-        """Take in what comes until ``due`` and a little longer [s]; returns when it had come."""
+    def _take_in(self, due: float) -> tuple[float, bool]:
+        """Take in what comes until ``due`` and a little longer [s]; returns when it was taken, and if anything came."""
         arrivals = self._port.receive(due + PATIENCE)
         begun = self._clock()
         for data, arrived in arrivals:
             self.deployment.take(data, arrived)
             self._log.write(Kind.STATE, arrived, data)
-        return begun
+        return begun, bool(arrivals)
 
     def _period(self, begun: float) -> None:
         deployment, timing = self.deployment, self.timing
@@ -176,9 +178,11 @@ class DeploymentLoop:
         self._log.write(Kind.SENT, now, bytes([not late]))
 
     def _brake(self) -> None:
-        """Tell the motors to brake, by nothing but the network."""
-        if self._write and not self._heart.read("latched"):
-            robot, message = self.deployment.robot, self.deployment.stream.message
+        """Tell the motors to brake, by nothing but the network; where that fails, the guardian hears of nothing."""
+        if not self._write or self._heart.read("latched"):
+            return
+        robot, message = self.deployment.robot, self.deployment.stream.message
+        with contextlib.suppress(Exception):
             self._port.send(brake_message(robot, message.mode_machine))
             self._heart.mark("sent", self._clock())
 

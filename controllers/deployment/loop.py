@@ -166,7 +166,9 @@ class DeploymentLoop:
         now = self._clock()
         fresh = deployment.missing == 0
         late = timing.count(now - begun, now - deployment.stream.clock.stamp, fresh)
-        sent = self._sent if late and self._sent is not None and not deployment.damped else command
+        held_back = late and timing.late_in_a_row == 1 and self._sent is not None and not deployment.damped
+        # a second one in a row goes out late: motors must not be without anything new for long
+        sent = self._sent if held_back and self._sent is not None else command
         # a process that was stopped for so long is not to say anything stiff any more: the guardian has the motors
         if self._write and not self._heart.read("latched") and now - begun < SILENCE:
             self._port.send(sent)
@@ -175,7 +177,7 @@ class DeploymentLoop:
         self._braked_periods += fresh and deployment.damped
         self._log.write(Kind.AROUND, begun, pack_surroundings(around))
         self._log.write(Kind.COMMAND, now, command)
-        self._log.write(Kind.SENT, now, bytes([not late]))
+        self._log.write(Kind.SENT, now, bytes([not held_back]))
 
     def _brake(self) -> None:
         """Tell the motors to brake, by nothing but the network; where that fails, the guardian hears of nothing."""

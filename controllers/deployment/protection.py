@@ -56,7 +56,7 @@ class ProtectionLimits:
     guardian_silent: float = 0.02
     jump: float = 0.2
     set_point_jump: float = 0.1
-    torque_jump: float = 0.75
+    torque_jump: float = 1.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,8 @@ class Surroundings:
     late: int = 0
 
 
-LATE_IN_A_ROW = 10
-"""Commands in a row that were not ready within a period, after which the motors fade out."""
+LATE_IN_A_ROW = 25
+"""Commands in a row that were not ready within a period, after which the motors fade out: 50 ms or more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,7 +116,7 @@ RULES = (
     Rule("motor error", Reaction.DAMP, 2, "a bit of motorstate of a leg or the waist"),
     Rule("hot motor", Reaction.DAMP, 2, "85 degrees Celsius of casing or winding"),
     Rule("joint rate", Reaction.DAMP, 2, "10 rad/s of a joint"),
-    Rule("late", Reaction.FADE, 1, "10 commands in a row not ready within 2 ms", False),
+    Rule("late", Reaction.FADE, 1, "25 commands in a row not ready within 2 ms", False),
     Rule("gyro", Reaction.FADE, 50, "the same to the last bit, for 100 ms"),
     Rule("accelerometer", Reaction.FADE, 50, "the same to the last bit, for 100 ms"),
     Rule("arm motor error", Reaction.HOLD, 2, "a bit of motorstate of an arm"),

@@ -42,7 +42,7 @@ class Kind(IntEnum):
     COMMAND = 4
     """``LowCmd_`` as it was computed."""
     SENT = 5
-    """One byte: 1 where that command was sent, 0 where the one before was sent again since it came late."""
+    """One byte: 1 where that command was sent, 0 where it was late and the one before was sent again."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -218,7 +218,7 @@ FAULTS: dict[str, Callable[[FakeG1], None]] = {
     "guardian: no sign of the guardian for 25 ms": lambda robot: (
         robot.period(Surroundings(guardian_age=0.025)) and None
     ),
-    "late: 10 commands": lambda robot: robot.period(Surroundings(late=10)) and None,
+    "late: 25 commands": lambda robot: robot.period(Surroundings(late=25)) and None,
 }
 
 
@@ -319,7 +319,7 @@ def protection() -> tuple[Protection, StateMessage]:
         (Surroundings(damp=True), "person"),
         (Surroundings(strangers=1), "stranger"),
         (Surroundings(guardian_age=0.021), "guardian"),
-        (Surroundings(late=10), "late"),
+        (Surroundings(late=25), "late"),
     ],
 )
 def test_a_rule_counts_its_periods(around: Surroundings, rule: str) -> None:
@@ -372,7 +372,7 @@ def test_motors_may_wait_for_their_first_command() -> None:
 def test_the_strongest_reaction_wins() -> None:
     watched, message = protection()
     for _ in range(3):
-        verdict = watched.inspect(message, Surroundings(strangers=1, late=20), True)
+        verdict = watched.inspect(message, Surroundings(strangers=1, late=30), True)
     assert verdict.reaction is Reaction.DAMP
 
 

@@ -202,9 +202,9 @@ def test_nothing_is_sent_beside_a_guardian_that_latches_in_mid_period(played: Pl
 
             def slow(around: object) -> bytes:
                 played.heart.mark("latched", played.port.now)
-                return step(around)  # type: ignore[arg-type]
+                return step(around)
 
-            played.robot.deployment.step = slow  # type: ignore[method-assign, assignment]
+            played.robot.deployment.step = slow
 
     played.port.on_receive = latches
     played.loop.run()
@@ -249,7 +249,7 @@ def test_periods_go_on_at_their_pace_where_no_state_comes(played: Played) -> Non
         played.person.stop = played.port.count > 205
         return []
 
-    played.port.receive = receive  # type: ignore[method-assign]
+    played.port.receive = receive
     played.loop.run()
     steps = np.diff(waits)
     assert abs(np.median(steps) - PERIOD) < 5e-4

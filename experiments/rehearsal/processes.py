@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -117,7 +118,9 @@ class Pair:
         self.folder, self._domain = folder, domain
         self.orders: list[tuple[float, str]] = []
         self._record, self._out = folder / "truth.npz", folder / "deployment"
-        folder.mkdir(parents=True, exist_ok=True)
+        # of one that was interrupted
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
         self._lowered, self._stopped_at, self._task = False, float("nan"), list(task)
         self.raised_at = float("nan")
         cores = sorted(os.sched_getaffinity(0))

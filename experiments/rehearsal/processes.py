@@ -172,9 +172,13 @@ class Pair:
             child.process.send_signal(signal.SIGCONT)
         elif line in ("kill guardian", "kill both"):
             assert self.guardian is not None
-            _kill(self.guardian, signal.SIGKILL)
             if line == "kill both":
-                child.process.kill()
+                # neither is to see the other go
+                for number in (signal.SIGSTOP, signal.SIGKILL):
+                    _kill(child.process.pid, number)
+                    _kill(self.guardian, number)
+            else:
+                _kill(self.guardian, signal.SIGKILL)
         else:
             self.twin.tell(line)
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from controllers.deployment.heartbeat import Heartbeat
 from controllers.deployment.realtime import GUARDIAN_PRIORITY, anywhere, freeze_garbage, lock_memory, schedule
-from controllers.deployment.watchman import ASKED, Watchman, brake_message
+from controllers.deployment.watchman import ASKED, SILENCE, Watchman, brake_message
 from robots.description import RobotDescription
 from robots.loader import load_robot
 from robots.unitree.g1 import MODE_MACHINE
@@ -30,8 +30,16 @@ ALONE = 600.0
 """Without a state, after which it ends: until then a cable that is put back finds motors that are braked [s]."""
 
 
-def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> None:
-    """Watch until told to end by a signal, by the controller's own end, or by silence of the robot."""
+def guard(path: Path, domain: int, interface: str, robot: RobotDescription, patience: float = SILENCE) -> None:
+    """Watch until told to end by a signal, by the controller's own end, or by silence of the robot.
+
+    Args:
+        path: of the heartbeat.
+        domain: of DDS.
+        interface: of DDS.
+        robot: the description.
+        patience: silence of the controller after which it takes over [s].
+    """
     from robots.unitree.dds import Network  # noqa: PLC0415 - its threads inherit the scheduling that is set before
 
     ended: list[bool] = []
@@ -45,7 +53,7 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> N
     heart = Heartbeat(path)
     network = Network(domain, interface)
     states, commands = network.reader("rt/lowstate"), network.writer("rt/lowcmd")
-    watchman, message, data = Watchman(), StateMessage(), brake_message(robot, MODE_MACHINE)
+    watchman, message, data = Watchman(patience), StateMessage(), brake_message(robot, MODE_MACHINE)
     lock_memory()
     freeze_garbage()
     came = due = time.monotonic()
@@ -81,10 +89,10 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription) -> N
 
 
 def main(arguments: list[str]) -> None:
-    """Arguments: file of the heartbeat, domain, interface, robot."""
-    path, domain, interface, robot = arguments
+    """Arguments: file of the heartbeat, domain, interface, robot; and the patience, if it is another one."""
+    path, domain, interface, robot, *patience = arguments
     np.seterr(all="ignore")
-    guard(Path(path), int(domain), interface, load_robot(robot))
+    guard(Path(path), int(domain), interface, load_robot(robot), *map(float, patience))
 
 
 if __name__ == "__main__":

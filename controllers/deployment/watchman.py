@@ -17,12 +17,15 @@ SILENT, ASKED = "the controller was silent", "L2 + B at the remote"
 class Watchman:
     """Decides when to take over, by what it is shown.
 
+    Args:
+        patience: silence of the controller after which it does [s].
+
     Attributes:
         cause: why, for good; ``None`` before.
     """
 
-    def __init__(self) -> None:
-        self._silence = Silence()
+    def __init__(self, patience: float = SILENCE) -> None:
+        self._silence, self._patience = Silence(), patience
         self.cause: str | None = None
 
     def look(self, now: float, sent: float, buttons: int) -> bool:
@@ -35,7 +38,7 @@ class Watchman:
         """
         silence = self._silence.look(now, sent)
         if self.cause is None and sent > 0.0:
-            if silence > SILENCE:
+            if silence > self._patience:
                 self.cause = SILENT
             elif buttons & DAMP_BITS == DAMP_BITS:
                 self.cause = ASKED

@@ -19,6 +19,9 @@ from robots.unitree.remote import button_bits
 from tests.support.fake_g1 import ROBOT, FakeG1
 
 DOMAIN = 87
+PATIENCE = 1.0
+"""Of the guardians here: how soon a machine with other work to do gets round to a test is not what is tested [s]."""
+
 ROOT = Path(__file__).resolve().parents[2]
 BOTH = button_bits("L2", "B")
 
@@ -117,7 +120,7 @@ def test_what_is_not_permitted_is_said() -> None:
 
 @contextlib.contextmanager
 def guardian(heart: Path) -> Iterator["subprocess.Popen[bytes]"]:
-    arguments = ["-m", "controllers.deployment.guardian", str(heart), str(DOMAIN), "lo", "g1"]
+    arguments = ["-m", "controllers.deployment.guardian", str(heart), str(DOMAIN), "lo", "g1", str(PATIENCE)]
     process = subprocess.Popen([sys.executable, *arguments], cwd=ROOT)
     try:
         yield process
@@ -158,14 +161,13 @@ def test_the_process_brakes_when_it_has_to(tmp_path: Path, what: str) -> None:
         began = time.monotonic()
         robot.buttons = frozenset({"L2", "B"} if what == "buttons" else ())
         found: list[bytes] = []
-        while time.monotonic() < began + 0.5:
+        while time.monotonic() < began + 20.0 and len(found) < 50:
             states.send(robot.state())
             if what == "buttons":
                 heart.mark("sent", time.monotonic())
             found += commands.take()
             time.sleep(0.002)
-        # 500 a second; how many a machine with other work to do gets is its own affair
-        assert len(found) > 25
+        assert len(found) >= 50
         assert set(found) == {brake_message(ROBOT, 5)}
         assert bool(heart.read("asked")) == (what == "buttons")
         assert heart.read("latched") >= began

@@ -156,3 +156,23 @@ def test_wheel_carries_the_templates_and_the_style_of_plots(wheel_files: set[str
     needed = [*(reports / "templates").iterdir(), *reports.rglob("*.mplstyle")]
     assert len(needed) > 1
     assert wheel_files >= {p.relative_to(ROOT).as_posix() for p in needed}
+
+
+def test_commands_that_need_no_network_work_without_the_extras() -> None:
+    """Replays, rehearsals in one process and the command line itself are there without cyclonedds and mcap."""
+    modules = (
+        *(
+            "experiments.cli.main",
+            "experiments.cli.deploy",
+            "experiments.cli.twin",
+            "experiments.cli.replay_deployment",
+        ),
+        *("experiments.rehearsal.rehearse", "experiments.running.deployment_tasks", "controllers.deployment.guardian"),
+    )
+    code = (
+        "import sys\n"
+        "sys.modules['cyclonedds'] = sys.modules['mcap'] = None\n"
+        f"from importlib import import_module\nfor name in {modules!r}:\n    import_module(name)\n"
+    )
+    done = subprocess.run([sys.executable, "-c", code], check=False, cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr

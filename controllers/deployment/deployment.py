@@ -357,7 +357,7 @@ class Deployment:
     def _learn(self, stamp: float) -> None:
         """Take bias and tilt from a robot at rest; the controller beside it begins anew."""
         self._gyro_bias, self._learnt = self._rest.bias(), stamp
-        self.state = self.estimator.calibrate(self._rest.recent(), gyro_bias=self._gyro_bias)
+        self.state = self.estimator.calibrate(self._rest.recent(), gyro_bias=self._gyro_bias, standing=False)
         self._agent.reset(self.state)
         self._rest.restart()
 

@@ -61,10 +61,10 @@ class ContactBelief:
         self.probability = np.ones(2)
         self.reset()
 
-    def reset(self) -> None:
-        """Begin with both feet on the ground."""
-        self._odds[:] = 2.0 * self._cues.force_odds
-        self.probability[:] = 1.0
+    def reset(self, standing: bool = True) -> None:
+        """Begin with both feet on the ground, or both in the air."""
+        self._odds[:] = 2.0 * self._cues.force_odds if standing else -self._cues.force_odds
+        self.probability[:] = float(standing)
 
     def update(self, forces: Array, speeds: Array, planned: Mask | None, dt: float) -> Array:
         """Take in one tick.

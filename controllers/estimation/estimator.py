@@ -108,7 +108,11 @@ class StateEstimator:
         return rotation.copy(), position.copy()
 
     def calibrate(
-        self, readings: Sequence[SensorReading], base: Array | None = None, gyro_bias: Array | None = None
+        self,
+        readings: Sequence[SensorReading],
+        base: Array | None = None,
+        gyro_bias: Array | None = None,
+        standing: bool = True,
     ) -> RobotState:
         """Begin with a robot at rest, hanging or standing: the gyro's mean is its bias, gravity says what is up.
 
@@ -118,6 +122,7 @@ class StateEstimator:
                 of a simulation. Otherwise the lower sole is on the ground at the world's origin and the base looks
                 along x.
             gyro_bias: shape (3,) where it is known from longer rest than these readings [rad/s].
+            standing: whether its feet stand; soles in the air need be neither level nor still.
 
         Returns:
             The state at the last of them.
@@ -146,7 +151,7 @@ class StateEstimator:
         soles = np.array([origin + rotation @ position for _, position in places])
         turned = np.array([rotation @ r for r, _ in places])
         self.filter.reset(rotation @ mount, origin + rotation @ arm, soles, turned, bias)
-        self.contact.reset()
+        self.contact.reset(standing)
         self._observer.reset()
         self._taken = -math.inf
         self._last = replace(self._state(last), contact=self.contact.probability.copy())

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controllers.deployment.protection import Surroundings
+from controllers.deployment.rest import RestWatch
 from controllers.deployment.stages import Stage
 from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS_CASES, Expected, FaultCase
 from experiments.rehearsal.in_process import Rehearsal
@@ -19,6 +21,7 @@ from experiments.scenarios.stand import Stand
 from experiments.scenarios.walk import Walk
 from robots.errors import ConfigError, UnknownNameError
 from robots.loader import load_robot
+from robots.unitree.messages import CommandMessage
 from sims.twin.orders import read_order
 
 ROBOT = load_robot("g1")
@@ -187,3 +190,85 @@ def test_unknown_names_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="earthquake"):
         pieces(RehearseOptions("g1", ("faults",), fault=("earthquake",)), tmp_path)
     assert set(DURING) == {"stand", "walk"}
+
+
+# --- the hand-over, and what a person may do
+
+
+class ByHand(Rehearsal):
+    """A rehearsal in which go is said by the test, and the hoist stops where the feet carry."""
+
+    go = False
+
+    def _around(self) -> Surroundings:
+        around = super()._around()
+        said, self.go = self.go, False
+        early = self.deployment.stage not in (Stage.LOWERED, Stage.STANDING, Stage.TASK, Stage.STOPPING)
+        carried = self.deployment.estimator.wrenches[:, 2].sum() / (ROBOT.total_mass * 9.81)
+        if self.deployment.stage is Stage.LOWERED and carried > 0.8:
+            self.twin.hoist.moving = ""
+        return replace(around, go=said or (early and around.go))
+
+
+def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_hoist_carries(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    built = build(Stand(duration=60.0))
+    rehearsal = ByHand(built.deployment, variants(1)[0].config(), tmp_path / "truth.npz")
+    deployment = rehearsal.deployment
+    rehearsal.run_to(Stage.HUNG)
+    # in the air, an estimate from rest goes nowhere
+    rehearsal.run_for(0.15)
+    assert deployment.state is not None and np.linalg.norm(deployment.state.v[:3]) < 0.03
+    assert not deployment.estimator.contact.probability.max() > 0.1
+    rehearsal.run_to(Stage.LOWERED)
+    rehearsal.run_for(4.5)
+    assert rehearsal.twin.plant.contact_wrenches()[:, 2].sum() > 0.5 * ROBOT.total_mass * 9.81
+    assert deployment.stage is Stage.LOWERED
+    with monkeypatch.context() as shaken:
+        shaken.setattr(RestWatch, "calm", lambda rest: False)
+        rehearsal.go = True
+        rehearsal.run_for(0.5)
+        assert deployment.stage is Stage.LOWERED
+    rehearsal.run_for(0.1)
+    assert deployment.stage is Stage.STANDING, rehearsal.said[-3:]
+    rehearsal.run_for(1.0)
+    # what jumps is not sent, and the motors fade out from what was
+    before = CommandMessage()
+    sent: list[bytes] = []
+    step = deployment.step
+
+    def kept(around: Surroundings) -> bytes:
+        sent.append(step(around))
+        return sent[-1]
+
+    monkeypatch.setattr(deployment, "step", kept)
+    rehearsal.run_for(0.01)
+    # on both feet a go does not drop the robot
+    deployment_agent = built.standing
+    deployment_agent.hold("a person asks for it")
+    rehearsal.run_for(0.01)
+    assert deployment.stage is Stage.STOPPING
+    rehearsal.go = True
+    rehearsal.run_for(0.01)
+    assert deployment.stage is Stage.STOPPING and any("raise the hoist" in text for _, text in rehearsal.said)
+    tick = deployment_agent.tick
+
+    def jumps(*arguments: object) -> object:
+        output = tick(*arguments)
+        q = output.command.q.copy()
+        q[3] += 0.5
+        return replace(output, command=replace(output.command, q=q))
+
+    monkeypatch.setattr(deployment_agent, "tick", jumps)
+    rehearsal.run_for(0.01)
+    monkeypatch.setattr(deployment_agent, "tick", tick)
+    rehearsal.run_for(2.2)
+    assert any("left_knee_joint jumps by 0.5" in text for _, text in rehearsal.said)
+    assert deployment.stage is Stage.DAMPED
+    knees = []
+    for data in sent:
+        before.read(data)
+        if before.motors["kp"][3] > 0.0:
+            knees.append(float(before.motors["q"][3]))
+    assert np.abs(np.diff(knees)).max() < 0.1

@@ -53,7 +53,7 @@ DEPLOYMENT = (
     _metric("age_ms_p99", "age of the state at its command, 99th percentile", "computation", "ms"),
     _metric("age_ms_max", "age of the state at its command, largest", "computation", "ms"),
     _metric("periods", "commands", "computation"),
-    _metric("late", "commands not ready in time", "computation", bad="positive"),
+    _metric("held_back", "commands not ready in time, and not sent", "computation", bad="positive"),
     _metric("qp_failures", "commands without a solution of DynWBC", "computation", bad="positive"),
     _metric("bridged", "periods without a new state", "computation", bad="positive"),
     _metric("states_lost", "states that never came", "computation", bad="positive"),
@@ -81,7 +81,7 @@ def deployment_figures(series: Mapping[str, Array], stages: Sequence[str], effor
         "temperature_max": _most(series["temperature"]),
         "battery_min_percent": _least(series["battery"]),
         "periods": len(series["time"]),
-        "late": int((series["sent"] == 0).sum()),
+        "held_back": int((series["sent"] == 0).sum()),
         "qp_failures": int(series["qp_failed"].sum()),
         "bridged": int((series["missing"] > 0).sum()),
     }

@@ -123,6 +123,9 @@ def test_stop_before_it_stands_brakes_for_good(stage: str) -> None:
     for _ in range(20):
         robot.period(Surroundings(go=True))
         assert robot.brakes and robot.is_at(Stage.DAMPED)
+    said = list(robot.said)
+    robot.deployment.damp("once more")
+    assert robot.said == said and robot.deployment.end_cause == "stop"
 
 
 def test_buttons_count_once_for_a_press() -> None:

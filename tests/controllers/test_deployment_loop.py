@@ -179,6 +179,38 @@ def test_a_late_command_is_not_sent_but_the_one_before(played: Played) -> None:
     assert played.port.sent[i] == played.port.sent[i - 1] != played.port.sent[i + 1]
 
 
+def test_a_second_late_command_in_a_row_goes_out(played: Played) -> None:
+    """Motors must not be without anything new for long."""
+    sent: list[int] = []
+
+    def slow(count: int) -> None:
+        played.port.work = 3e-3 if count in (250, 251) else 2e-4
+        sent.append(len(played.port.sent))
+        played.person.stop = count >= 300
+
+    played.port.on_receive = slow
+    played.loop.run()
+    assert (played.loop.timing.late, played.loop.timing.late_pairs) == (2, 1)
+    first, second = played.port.sent[sent[249]], played.port.sent[sent[250]]
+    assert first == played.port.sent[sent[249] - 1] != second
+
+
+def test_braking_that_no_state_answers_does_not_count(played: Played) -> None:
+    """A cable that is out: nobody knows whether the motors were told; the guardian goes on."""
+
+    def cut(count: int) -> None:
+        played.person.stop = count >= 250
+        played.port.silent = count >= 250
+        if played.port.silent:
+            played.port.now += PERIOD
+
+    played.port.on_receive = cut
+    begun = played.port.now
+    played.loop.run()
+    assert not played.loop.braked
+    assert DEAF_FOR < played.port.now - begun < DEAF_FOR + 3.0
+
+
 def test_a_process_that_was_stopped_says_nothing_when_it_goes_on(played: Played) -> None:
     """The guardian had the motors meanwhile, whether its mark was seen in time or not."""
 

@@ -196,6 +196,6 @@ def test_whoever_else_commands_the_motors_ends_the_start() -> None:
         count, port.others = taken(), 7
         return count
 
-    port.strangers = twice  # type: ignore[method-assign]
+    port.strangers = twice
     with pytest.raises(NotReadyError, match="7 commands"):
         release(Comes(0), port, lambda text: None, pause=0.0, quiet=0.0)

@@ -2,13 +2,16 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from controllers.deployment.deployment import Deployment
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.rest import RestWatch
 from controllers.deployment.stages import Stage
+from controllers.whole_body.controller import TickResult
 from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS_CASES, Expected, FaultCase
 from experiments.rehearsal.in_process import Rehearsal
 from experiments.rehearsal.judge import fault_figures, task_figures
@@ -195,6 +198,10 @@ def test_unknown_names_are_refused(tmp_path: Path) -> None:
 # --- the hand-over, and what a person may do
 
 
+def is_at(deployment: Deployment, stage: Stage) -> bool:
+    return deployment.stage is stage
+
+
 class ByHand(Rehearsal):
     """A rehearsal in which go is said by the test, and the hoist stops where the feet carry."""
 
@@ -224,14 +231,14 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     rehearsal.run_to(Stage.LOWERED)
     rehearsal.run_for(4.5)
     assert rehearsal.twin.plant.contact_wrenches()[:, 2].sum() > 0.5 * ROBOT.total_mass * 9.81
-    assert deployment.stage is Stage.LOWERED
+    assert is_at(deployment, Stage.LOWERED)
     with monkeypatch.context() as shaken:
         shaken.setattr(RestWatch, "calm", lambda rest: False)
         rehearsal.go = True
         rehearsal.run_for(0.5)
-        assert deployment.stage is Stage.LOWERED
+        assert is_at(deployment, Stage.LOWERED)
     rehearsal.run_for(0.1)
-    assert deployment.stage is Stage.STANDING, rehearsal.said[-3:]
+    assert is_at(deployment, Stage.STANDING), rehearsal.said[-3:]
     rehearsal.run_for(1.0)
     # what jumps is not sent, and the motors fade out from what was
     before = CommandMessage()
@@ -248,24 +255,25 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     deployment_agent = built.standing
     deployment_agent.hold("a person asks for it")
     rehearsal.run_for(0.01)
-    assert deployment.stage is Stage.STOPPING
+    assert is_at(deployment, Stage.STOPPING)
     rehearsal.go = True
     rehearsal.run_for(0.01)
-    assert deployment.stage is Stage.STOPPING and any("raise the hoist" in text for _, text in rehearsal.said)
-    tick = deployment_agent.tick
+    assert is_at(deployment, Stage.STOPPING) and any("raise the hoist" in text for _, text in rehearsal.said)
+    controller = deployment_agent.controller
+    respond = controller.respond
 
-    def jumps(*arguments: object) -> object:
-        output = tick(*arguments)
-        q = output.command.q.copy()
+    def jumps(*arguments: Any) -> TickResult:
+        result = respond(*arguments)
+        q = result.command.q.copy()
         q[3] += 0.5
-        return replace(output, command=replace(output.command, q=q))
+        return replace(result, command=replace(result.command, q=q))
 
-    monkeypatch.setattr(deployment_agent, "tick", jumps)
+    monkeypatch.setattr(controller, "respond", jumps)
     rehearsal.run_for(0.01)
-    monkeypatch.setattr(deployment_agent, "tick", tick)
+    monkeypatch.setattr(controller, "respond", respond)
     rehearsal.run_for(2.2)
     assert any("left_knee_joint jumps by 0.5" in text for _, text in rehearsal.said)
-    assert deployment.stage is Stage.DAMPED
+    assert is_at(deployment, Stage.DAMPED)
     knees = []
     for data in sent:
         before.read(data)

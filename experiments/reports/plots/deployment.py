@@ -110,7 +110,7 @@ def clock_plot(recording: Recording) -> Figure | None:
     figure, axes = new_axes(3, 1, 5.6, sharex=True)
     time, late = series["time"], series["sent"] == 0
     axes[0].plot(time, series["tick_ms"], lw=0.5)
-    axes[0].plot(time[late], series["tick_ms"][late], "x", color=UNSAFE, ms=4, label="late")
+    axes[0].plot(time[late], series["tick_ms"][late], "x", color=UNSAFE, ms=4, label="not sent")
     axes[1].plot(time, series["age_ms"], lw=0.5)
     axes[2].plot(time, series["missing"], lw=0.9)
     for axis in axes[:2]:

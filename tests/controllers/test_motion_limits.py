@@ -121,6 +121,28 @@ def test_a_robot_that_falls_is_braked_at_once_and_for_good(name: str, words: str
     assert agent.supervisor.damping and agent.stop_cause is not None
 
 
+def test_a_robot_that_falls_while_its_motors_fade_out_is_braked_at_once() -> None:
+    agent, state = Agent(G1), standing()
+    agent.reset(state)
+    agent.tick(state)
+    agent.supervisor.fade("the controller is late", 0.002)
+    fallen = BEYOND["tilted"]
+    for i in range(1, IN_A_ROW + 1):
+        assert agent.tick(replace(state, stamp=0.002 * i)).command.kp.any()
+    for i in range(IN_A_ROW):
+        command = agent.tick(replace(fallen, stamp=0.1 + 0.002 * i)).command
+    assert not command.kp.any() and agent.stop_cause == "the controller is late"
+    assert "tilted" in str(agent.supervisor.last_cause)
+
+
+def test_the_same_fallen_state_twice_is_one_measurement() -> None:
+    agent, state = Agent(G1), standing()
+    agent.reset(state)
+    agent.tick(state)
+    fallen = replace(BEYOND["tilted"], stamp=0.002)
+    assert agent.tick(fallen).command.kp.any() and agent.tick(fallen).command.kp.any()
+
+
 def test_whoever_asks_for_damping_gets_it_with_the_first_cause() -> None:
     agent, state = Agent(G1), standing()
     agent.reset(state)

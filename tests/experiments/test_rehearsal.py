@@ -274,9 +274,12 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     rehearsal.run_for(2.2)
     assert any("left_knee_joint jumps by 0.5" in text for _, text in rehearsal.said)
     assert is_at(deployment, Stage.DAMPED)
-    knees = []
+    knees, stiffness = [], []
     for data in sent:
         before.read(data)
-        if before.motors["kp"][3] > 0.0:
+        stiffness.append(float(before.motors["kp"][3]))
+        if stiffness[-1] > 0.0:
             knees.append(float(before.motors["q"][3]))
     assert np.abs(np.diff(knees)).max() < 0.1
+    # little by little: no more than what 1.5 s of fading take away in a few periods
+    assert np.abs(np.diff(stiffness)).max() < 0.02 * max(stiffness)

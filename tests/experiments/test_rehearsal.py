@@ -217,6 +217,19 @@ class ByHand(Rehearsal):
         return replace(around, go=said or (early and around.go))
 
 
+def assert_fades_without_a_jump(sent: list[bytes]) -> None:
+    """The left knee's set-point stays, and its stiffness goes little by little."""
+    message, knees, stiffness = CommandMessage(), [], []
+    for data in sent:
+        message.read(data)
+        stiffness.append(float(message.motors["kp"][3]))
+        if stiffness[-1] > 0.0:
+            knees.append(float(message.motors["q"][3]))
+    assert np.abs(np.diff(knees)).max() < 0.1
+    # little by little: no more than what 1.5 s of fading take away in a few periods
+    assert np.abs(np.diff(stiffness)).max() < 0.02 * max(stiffness)
+
+
 def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_hoist_carries(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -241,7 +254,6 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     assert is_at(deployment, Stage.STANDING), rehearsal.said[-3:]
     rehearsal.run_for(1.0)
     # what jumps is not sent, and the motors fade out from what was
-    before = CommandMessage()
     sent: list[bytes] = []
     step = deployment.step
 
@@ -274,12 +286,4 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     rehearsal.run_for(2.2)
     assert any("left_knee_joint jumps by 0.5" in text for _, text in rehearsal.said)
     assert is_at(deployment, Stage.DAMPED)
-    knees, stiffness = [], []
-    for data in sent:
-        before.read(data)
-        stiffness.append(float(before.motors["kp"][3]))
-        if stiffness[-1] > 0.0:
-            knees.append(float(before.motors["q"][3]))
-    assert np.abs(np.diff(knees)).max() < 0.1
-    # little by little: no more than what 1.5 s of fading take away in a few periods
-    assert np.abs(np.diff(stiffness)).max() < 0.02 * max(stiffness)
+    assert_fades_without_a_jump(sent)

@@ -92,6 +92,7 @@ class RingLog:
         with path.open("r+b") as file:
             self._memory = mmap.mmap(file.fileno(), 0)
         self._memory[: len(text)] = text
+        self._path, self._full = path, False
         self._chunks, self._chunk, self._place, self._number = chunks, 0, 0, 0
 
     def write(self, kind: Kind, time: float, data: bytes) -> None:
@@ -99,6 +100,7 @@ class RingLog:
         need = HEAD.size + len(data)
         if self._place + need + HEAD.size > CHUNK:
             self._chunk, self._place = (self._chunk + 1) % self._chunks, 0
+            self._full = self._full or self._chunk == 0
         begin = PAGE + self._chunk * CHUNK + self._place
         self._number += 1
         memory, body = self._memory, begin + HEAD.size
@@ -110,9 +112,11 @@ class RingLog:
         self._place += need
 
     def close(self) -> None:
-        """Give the file back."""
+        """Give the file back, without the chunks that nothing was written to."""
         self._memory.flush()
         self._memory.close()
+        if not self._full:
+            os.truncate(self._path, PAGE + (self._chunk + 1) * CHUNK)
 
 
 def read_head(path: Path) -> dict[str, Any]:

@@ -105,15 +105,15 @@ class Session:
         from robots.unitree.body import G1Port
         from robots.unitree.dds import Network
 
-        network = Network(common.domain, common.interface)
-        port = G1Port(network)
-        say(f"{Stage.CONNECT.value}: domain {common.domain}, interface {common.interface}")
-        # one of its own: what the deployment takes in is all in the log
-        stream = StateStream(self._deployment.joints)
-        rate = connect(port, stream)
-        say(f"states at {rate:.0f} Hz")
         guardian = None
         try:
+            network = Network(common.domain, common.interface)
+            port = G1Port(network)
+            say(f"{Stage.CONNECT.value}: domain {common.domain}, interface {common.interface}")
+            # one of its own: what the deployment takes in is all in the log
+            stream = StateStream(self._deployment.joints)
+            rate = connect(port, stream)
+            say(f"states at {rate:.0f} Hz")
             guardian = None if common.dry_run else self._start_guardian()
             self._check(port, stream, rate)
             if not common.dry_run:
@@ -123,8 +123,10 @@ class Session:
             if not self._heart.read("sent"):
                 # the motors were told nothing: there is nothing to guard
                 self._heart.mark("ended", time.monotonic())
+            self._log.close()
             raise
         finally:
+            self._heart_file.unlink(missing_ok=True)
             self._announcer.close()
         return self._end(cause, guardian)
 

@@ -41,7 +41,6 @@ def test_records_come_back_in_order_with_head_and_all(tmp_path: Path) -> None:
     written = filled(tmp_path / "log", 500, size=3 * CHUNK)
     assert read_log(tmp_path / "log") == written
     assert read_head(tmp_path / "log") == {"task": {"a": 1}}
-    assert (tmp_path / "log").stat().st_size == PAGE + 3 * CHUNK
 
 
 @pytest.mark.parametrize("count", [700, 1000, 5000])
@@ -107,3 +106,33 @@ def test_an_empty_log_has_no_records(tmp_path: Path) -> None:
     RingLog(tmp_path / "log", CHUNK, {}).close()
     assert read_log(tmp_path / "log") == [] and read_head(tmp_path / "log") == {}
     assert (tmp_path / "log").read_bytes().startswith(MAGIC)
+
+
+def test_a_log_that_is_closed_takes_no_more_room_than_it_needs(tmp_path: Path) -> None:
+    """A start that is refused leaves words, and not half a gigabyte."""
+    log = RingLog(tmp_path / "log.bin", 50 * CHUNK, {"a": 1})
+    assert (tmp_path / "log.bin").stat().st_size == PAGE + 50 * CHUNK
+    for i in range(1500):
+        log.write(Kind.STATE, float(i), bytes(1000))
+    log.close()
+    assert (tmp_path / "log.bin").stat().st_size == PAGE + 2 * CHUNK
+    assert [record.time for record in read_log(tmp_path / "log.bin")] == [float(i) for i in range(1500)]
+
+
+def test_one_that_has_begun_again_keeps_all_its_chunks(tmp_path: Path) -> None:
+    log = RingLog(tmp_path / "log.bin", 3 * CHUNK, {})
+    for i in range(5000):
+        log.write(Kind.STATE, float(i), bytes(1000))
+    log.close()
+    assert (tmp_path / "log.bin").stat().st_size == PAGE + 3 * CHUNK
+    assert read_log(tmp_path / "log.bin")[-1].time == 4999.0
+
+
+def test_without_room_for_it_there_is_no_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr("controllers.deployment.ring.os.posix_fallocate", full)
+    with pytest.raises(ConfigError, match=r"room for 3 MB.*No space left"):
+        RingLog(tmp_path / "log.bin", 3 * CHUNK, {})
+    assert not (tmp_path / "log.bin").exists()

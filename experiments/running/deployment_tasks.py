@@ -12,7 +12,7 @@ from controllers.deployment.motor_check import MotorCheck, MotorCheckSettings
 from controllers.whole_body.robot_config import controller_config
 from experiments.running.run import Prepared, make_agent, prepare
 from experiments.scenarios.hardware_options import MotorCheckOptions
-from experiments.scenarios.options import PlantOptions, SensingOptions
+from experiments.scenarios.options import refuse_without
 from experiments.scenarios.registry import read_scenario
 from experiments.scenarios.scenario import SCENARIO, Scenario
 from experiments.scenarios.stand import Stand
@@ -72,9 +72,11 @@ def build(task: Any) -> Built:
 
 def refuse_simulated(scenario: Scenario) -> None:
     """Raise where an option is of the simulation."""
-    for name, allowed in (("plant", PlantOptions()), ("sensing", SensingOptions()), ("nan_at", None)):
-        if getattr(scenario, name) != allowed:
-            raise WithoutEffectError(name, getattr(scenario, name), "left out: a robot is as it is")
+    for options in (scenario.plant, scenario.sensing):
+        names = [field.name for field in dataclasses.fields(options)]
+        refuse_without(options, False, names, "a simulation")
+    if scenario.nan_at is not None:
+        raise WithoutEffectError("nan_at", scenario.nan_at, "left out without a simulation: it has no effect")
     if scenario.robot != "g1":
         raise ConfigError("robot", scenario.robot, "g1")
     if scenario.control_rate != 500.0:

@@ -1,7 +1,7 @@
 """Options of the runs: what the command line offers, as dataclasses; nothing heavy is imported here."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -14,7 +14,8 @@ def refuse_without(options: Any, given: bool, names: Sequence[str], needed: str)
     """Raise :class:`WithoutEffectError` where one of the fields ``names`` is set without what they need, ``given``."""
     for field_ in fields(options):
         value = getattr(options, field_.name)
-        if not given and field_.name in names and value != field_.default:
+        usual = field_.default if field_.default_factory is MISSING else field_.default_factory()
+        if not given and field_.name in names and value != usual:
             raise WithoutEffectError(field_.name, value, f"left out without {needed}: it has no effect")
 
 

@@ -6,7 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from controllers.deployment.stages import Stage
 from robots.messages import Array
+
+STOPS = (Stage.STOPPING.value, Stage.DAMPED.value)
+"""Stages that a stop leads to."""
 
 
 @dataclass(frozen=True)
@@ -19,6 +23,7 @@ class Performance:
         orders: what the twin, or a process, was told, likewise.
         figures: of deadlines and states.
         exit_code: of the deployment's process, if it was one.
+        pauses: shape (n, 2) of the machine: when each began, and how long it was [s].
     """
 
     truth: Mapping[str, Array]
@@ -26,17 +31,27 @@ class Performance:
     orders: Sequence[tuple[float, str]] = ()
     figures: Mapping[str, Any] = field(default_factory=dict)
     exit_code: int | None = None
+    pauses: Array = field(default_factory=lambda: np.empty((0, 2)))
 
     def said_at(self, begins: str) -> float:
         """When a line that begins so was first said [s]; NaN for never."""
         return next((t for t, text in self.said if text.startswith(begins)), float("nan"))
 
     @property
+    def decided_at(self) -> float:
+        """When it was decided what came of it: the first stop with a cause, or the last order, or the end [s]."""
+        for t, text in self.said:
+            stage, _, cause = text.partition(": ")
+            if stage in STOPS and cause:
+                return t
+        return self.orders[-1][0] if self.orders else float(self.truth["monotonic"][-1])
+
+    @property
     def cause(self) -> str:
         """What the deployment was stopped for; empty where it was not."""
         for _, text in self.said:
             stage, _, cause = text.partition(": ")
-            if stage in ("stopping", "latched damping") and cause:
+            if stage in STOPS and cause:
                 return cause
         return ""
 

@@ -30,6 +30,7 @@ TASK_COLUMNS = (
     Metric("work_p99_ms", "p99", "ms"),
     Metric("work_max_ms", "max", "ms"),
     Metric("age_p99_ms", "age of the state, p99", "ms"),
+    Metric("again", "played again"),
 )
 
 FAULT_COLUMNS = (
@@ -41,6 +42,7 @@ FAULT_COLUMNS = (
     Metric("brakes_s", "motors brake after", "ms", 1e3),
     Metric("cause", "cause"),
     Metric("end", "end"),
+    Metric("again", "played again"),
 )
 
 

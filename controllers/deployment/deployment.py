@@ -155,11 +155,14 @@ class Deployment:
             return
         self._fault, self._faulty, self._fresh, self._reading = "", 0, True, reading
         if self.state is not None:
+            doubts = self.estimator.bias_watch.doubts
             try:
                 self.state = self.estimator.update(reading)
             except Exception as error:
                 # the state is as unknown then as without a reading
                 self._fault, self._fresh = f"estimator: {type(error).__name__}: {error}", False
+            if self.estimator.bias_watch.doubts > doubts:
+                self._say("the gyro's bias seems to have jumped: soles that stand seem to turn; it is learnt anew")
 
     @property
     def begun(self) -> bool:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pinocchio as pin
 
+from controllers.estimation.bias_watch import BiasDoubt, BiasWatch
 from controllers.estimation.contact_belief import ContactBelief, ContactCues
 from controllers.estimation.invariant_filter import FilterNoise, InvariantFilter
 from controllers.estimation.momentum_observer import MomentumObserver
@@ -44,6 +45,7 @@ class EstimatorSettings:
         level_ground: whether the ground is level, at the height on which the robot stands at the start: soles that
             stand are then on it and level, and the base's height does not drift.
         base: filter of the base, one of ``BASE_FILTERS``.
+        bias_doubt: when the gyro's bias is taken to have jumped.
     """
 
     noise: FilterNoise = field(default_factory=FilterNoise)
@@ -51,6 +53,7 @@ class EstimatorSettings:
     observer_bandwidth: float = 100.0
     level_ground: bool = True
     base: str = "invariant"
+    bias_doubt: BiasDoubt = field(default_factory=BiasDoubt)
 
     def __post_init__(self) -> None:
         require_positive("observer_bandwidth", self.observer_bandwidth)
@@ -69,6 +72,7 @@ class StateEstimator:
         filter: of the base.
         contact: which feet stand, as probabilities.
         wrenches: shape (2, 6) on the soles, sole axes [N, N m].
+        bias_watch: tells a gyro whose bias jumps.
         refused: number of readings that were not taken in: taken in before, older, or not finite.
     """
 
@@ -89,6 +93,7 @@ class StateEstimator:
         self.filter = BASE_FILTERS[self.settings.base](self.settings.noise)
         self._observer = MomentumObserver(robot, self.settings.observer_bandwidth)
         self.contact = ContactBelief(robot.total_mass * GRAVITY, self.settings.cues)
+        self.bias_watch = BiasWatch(self.settings.bias_doubt)
         self.wrenches = np.zeros((2, 6))
         self._sole_places, self._sole_turns = np.zeros((2, 3)), np.zeros((2, 3, 3))
         self._last: RobotState | None = None
@@ -153,6 +158,7 @@ class StateEstimator:
         self.filter.reset(rotation @ mount, origin + rotation @ arm, soles, turned, bias)
         self.contact.reset(standing)
         self._observer.reset()
+        self.bias_watch.reset()
         self._taken = -math.inf
         self._last = replace(self._state(last), contact=self.contact.probability.copy())
         return self._last
@@ -188,8 +194,10 @@ class StateEstimator:
         if dt > 0.0:
             self.wrenches = self._observer.update(state.q, state.v, reading.torque, dt)
             planned = None if self._plan is None else self._plan()
-            moved = self._observer.sole_velocities[:, :3]
+            moved, turned = self._observer.sole_velocities[:, :3], self._observer.sole_velocities[:, 3:]
             self.contact.update(self.wrenches[:, 2], np.sqrt(np.vecdot(moved, moved)), planned, dt)
+            if self.bias_watch.update(self._sole_turns, turned, self.contact.probability > STANDS, dt):
+                self.filter.doubt_gyro_bias(self.settings.bias_doubt.deviation)
         forces, contact = self.wrenches[:, 2].copy(), self.contact.probability.copy()
         self._last = replace(state, foot_forces=forces, contact=contact)
         return self._last

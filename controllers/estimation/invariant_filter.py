@@ -230,6 +230,11 @@ class InvariantFilter:
         np.negative(self._error, out=self._error)
         self.retract(self._error)
 
+    def doubt_gyro_bias(self, deviation: float) -> None:
+        """Take the gyro's bias to be wrong by ``deviation`` [rad/s] more than it was thought to be."""
+        for i in range(GYRO_BIAS.start, GYRO_BIAS.stop):
+            self.covariance[i, i] += deviation**2
+
     def _stand_on(self, foot: int, ground: float, first: int) -> None:
         r"""Write three rows from ``first`` on: a sole is at the height ``ground`` [m], and level.
 

@@ -101,6 +101,9 @@ class SimpleFilter:
         self._axes[:, 2] += _gain(self._vertical, rows, variances) @ (heights - rows @ self._axes[:, 2])
         self._follow_yaw(sole_rotations, standing)
 
+    def doubt_gyro_bias(self, deviation: float) -> None:
+        """See :meth:`InvariantFilter.doubt_gyro_bias`; nothing comes of it: the bias is that of the calibration."""
+
     def _follow_yaw(self, sole_rotations: Array, standing: Mask) -> None:
         """Turn the base towards the yaw that standing soles have kept; those in the air keep that of the base."""
         for foot in range(2):

@@ -7,10 +7,11 @@ import pinocchio as pin
 import pytest
 
 from controllers.agent import Agent
+from controllers.estimation.bias_watch import BiasDoubt, BiasWatch
 from controllers.estimation.contact_belief import ContactBelief, ContactCues
 from controllers.estimation.estimated_body import EstimatedBody
 from controllers.estimation.estimator import BASE_FILTERS, EstimatorSettings, StateEstimator
-from controllers.estimation.invariant_filter import InvariantFilter
+from controllers.estimation.invariant_filter import FilterNoise, InvariantFilter
 from controllers.estimation.momentum_observer import SLIDES, MomentumObserver, leg_columns
 from controllers.gaits.commands import VelocityCommand
 from controllers.gaits.walking import CommandedWalk, Walking, walk_tuning
@@ -405,3 +406,61 @@ def test_sensors_err_as_they_say() -> None:
     rest = Sensors(plant, NO_ERRORS, np.random.default_rng(0)).read_at_rest()
     np.testing.assert_array_equal(rest.gyro, 0.0)
     assert np.linalg.norm(rest.accelerometer) == pytest.approx(9.81)
+
+
+# --- a gyro whose bias jumps
+
+
+@pytest.mark.parametrize("name", BiasDoubt.__slots__)
+def test_a_doubt_that_is_none_is_refused_by_name(name: str) -> None:
+    with pytest.raises(ConfigError, match=f"bias doubt {name}"):
+        BiasDoubt(**{name: 0.0})
+
+
+def test_soles_that_turn_are_averaged_as_a_first_order_lag_in_the_axes_of_the_imu() -> None:
+    watch = BiasWatch(BiasDoubt(rate=0.04, memory=0.4))
+    rng = np.random.default_rng(0)
+    turns = np.stack([pin.exp3(rng.normal(size=3)) for _ in range(2)])
+    rate = np.array([0.01, -0.02, 0.03])
+    rates = np.stack([turns[0].T @ rate, turns[1].T @ (2.0 * rate)])
+    for n in range(1, 101):
+        assert not watch.update(turns, rates, np.array([True, False]), DT)
+        np.testing.assert_allclose(watch.mean, rate * (1.0 - (1.0 - DT / 0.4) ** n), rtol=1e-12, atol=1e-15)
+    before = watch.mean.copy()
+    watch.update(turns, rates, np.array([True, True]), DT)
+    np.testing.assert_allclose(watch.mean, before + DT / 0.4 * (1.5 * rate - before), rtol=1e-12, atol=1e-15)
+    assert not watch.update(turns, rates, np.array([False, False]), DT) and not watch.mean.any()
+
+
+def test_what_lasts_is_doubted_after_the_time_that_the_lag_takes_and_what_rocks_is_not() -> None:
+    watch, turns = BiasWatch(BiasDoubt(rate=0.04, memory=0.4)), np.stack([np.eye(3)] * 2)
+    steps = next(
+        n for n in range(1, 1000) if watch.update(turns, np.tile([0.0, 0.05, 0.0], (2, 1)), np.ones(2, bool), DT)
+    )
+    # 0.05 (1 - exp(-t/0.4)) = 0.04
+    assert DT * steps == pytest.approx(0.4 * np.log(5.0), abs=3.0 * DT)
+    assert watch.doubts == 1 and not watch.mean.any()
+    for n in range(5000):
+        rocking = 0.09 * np.sin(2.0 * np.pi * 2.0 * DT * n)
+        assert not watch.update(turns, np.tile([0.0, rocking, 0.0], (2, 1)), np.ones(2, bool), DT)
+
+
+@pytest.mark.parametrize("axis", range(3))
+def test_a_bias_that_jumps_is_known_anew_within_seconds(robot_name: str, axis: int) -> None:
+    """A step of 0.05 rad/s about any axis, of a bias that has long been known, while the robot stands: to a fifth."""
+    standing = Standing(robot_name)
+    plant = standing.plant
+    estimator, sensors = estimator_of(plant, SensorErrors(), noise=FilterNoise(start_gyro_bias=1e-5))
+    step = np.zeros(3)
+    step[axis] = 0.05
+    tilt = 0.0
+    for n in range(2000):
+        standing.advance()
+        reading = sensors.read()
+        state = estimator.update(replace(reading, gyro=reading.gyro + step) if n >= 250 else reading)
+        up = [pin.Quaternion(s.q[3:7]).matrix()[2] for s in (state, plant.true_state())]
+        tilt = max(tilt, float(np.linalg.norm(up[0] - up[1])))
+        assert estimator.bias_watch.doubts == 0 or n >= 250
+    assert estimator.bias_watch.doubts == 1
+    assert np.linalg.norm(estimator.filter.gyro_bias - sensors.gyro_bias - step) < 0.01
+    assert tilt < 0.03

@@ -18,7 +18,7 @@ import numpy as np
 
 from controllers.deployment.ring import Kind, read_log
 from controllers.deployment.stages import Stage
-from experiments.rehearsal.pauses import PauseWatch
+from experiments.rehearsal.cores import Cores
 from experiments.rehearsal.performance import Performance
 from robots.errors import SafeWbcError
 
@@ -126,7 +126,7 @@ class Pair:
         self.raised_at = float("nan")
         cores = sorted(os.sched_getaffinity(0))
         self._cores = [str(cores[0]), str(cores[-1])] if len(cores) > 1 else []
-        self._pauses = PauseWatch([int(core) for core in self._cores])
+        self._watched = Cores([int(core) for core in self._cores])
         place = ["--cpu", self._cores[0]] if self._cores else []
         where = ["--domain", str(domain), "--interface", "lo"]
         self.twin = Child(["twin", "g1", *where, *place, "--record", str(self._record), *twin])
@@ -134,11 +134,11 @@ class Pair:
         self.guardian: int | None = None
 
     def __enter__(self) -> "Pair":
-        self._pauses.__enter__()
+        self._watched.__enter__()
         return self
 
     def __exit__(self, *of: type[BaseException] | BaseException | TracebackType | None) -> None:
-        self._pauses.__exit__(*of)
+        self._watched.__exit__(*of)
         if self.deployment is not None and self.deployment.process.poll() is None:
             self.deployment.process.kill()
         if self.guardian is not None:
@@ -257,7 +257,7 @@ class Pair:
             figures["real_time_factor"] = float(found[1])
         if found := re.search(r"LowCmd: (\d+) received", self.twin.text):
             figures["commands_received"] = int(found[1])
-        return Performance(truth, self._said(), self.orders, figures, code, self._pauses.end())
+        return Performance(truth, self._said(), self.orders, figures, code, self._watched.end())
 
     def _said(self) -> list[tuple[float, str]]:
         """What was said, from the log."""

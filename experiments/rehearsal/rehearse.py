@@ -13,10 +13,10 @@ import numpy as np
 from joblib import Parallel, delayed
 
 from controllers.deployment.stages import Stage
+from experiments.rehearsal.cores import AROUND, longest_pause
 from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS_CASES, Expected, FaultCase
 from experiments.rehearsal.in_process import Rehearsal
 from experiments.rehearsal.judge import fault_figures, last_stage, task_figures
-from experiments.rehearsal.pauses import AROUND, longest_pause
 from experiments.rehearsal.performance import Performance
 from experiments.rehearsal.processes import Pair
 from experiments.rehearsal.show import show_rows

@@ -1,26 +1,52 @@
 """Pauses of the machine: what counts as one, and what is played again for one."""
 
+import math
 from itertools import repeat
 from typing import Any
 
 import numpy as np
 import pytest
 
-from experiments.rehearsal.pauses import PAUSE, PERIOD, PauseWatch, longest_pause, watch
+from experiments.rehearsal.cores import LATE, PAUSE, PERIOD, SLOW, Cores, longest_pause, watch
 from experiments.rehearsal.performance import Performance
 from experiments.rehearsal.rehearse import AGAIN, Piece, play_fairly
 
 
-def test_a_look_that_is_late_is_a_pause_and_one_in_time_is_none() -> None:
-    lateness = [0.0, 0.5 * PAUSE, 1.1 * PAUSE, 0.0, 0.02]
-    clock, found, left = [100.0], [], [*lateness]
+def pauses_of(lateness: list[float], efforts: list[float]) -> list[tuple[float, float]]:
+    """What is said where looks come late, and their work takes so long [s]."""
+    clock, found, late, took = [100.0], [], [*lateness], [*efforts]
 
     def sleep(seconds: float) -> None:
-        clock[0] += seconds + left.pop(0)
+        clock[0] += seconds + late.pop(0)
 
-    watch(lambda began, length: found.append((began, length)), lambda: bool(left), lambda: clock[0], sleep)
-    began = [100.0 + i * PERIOD + sum(lateness[: i - 1]) for i in range(1, 6)]
-    np.testing.assert_allclose(found, [(began[2], 1.1 * PAUSE), (began[4], 0.02)], rtol=0.0, atol=1e-9)
+    def work() -> None:
+        clock[0] += took.pop(0)
+
+    watch(lambda began, length: found.append((began, length)), lambda: bool(late), lambda: clock[0], sleep, work)
+    return found
+
+
+CALM = 10
+
+WORK = 2e-5
+
+
+def test_a_look_that_is_late_is_a_pause_and_one_in_time_is_none() -> None:
+    assert pauses_of([0.0, 0.5 * LATE] * CALM, [WORK, 3.0 * WORK] * CALM) == []
+    lateness = [0.0] * CALM + [1.1 * PAUSE] + [0.0] * CALM + [0.5 * PAUSE] + [0.0] * CALM
+    ((began, length),) = pauses_of(lateness, [WORK] * len(lateness))
+    assert began == pytest.approx(100.0 + CALM * (PERIOD + WORK) + PERIOD)
+    assert length == pytest.approx(1.1 * PAUSE + WORK)
+
+
+def test_a_core_that_is_slow_for_a_while_pauses_and_one_that_is_slow_once_does_not() -> None:
+    slow, often = 2.0 * SLOW * WORK, math.ceil(PAUSE / PERIOD) + 1
+    assert pauses_of([0.0] * 21, [WORK] * 10 + [slow] + [WORK] * 10) == []
+    # with a look between them that was not bad
+    efforts = [WORK] * CALM + [slow] * often + [WORK] + [slow] * often + [WORK] * CALM
+    ((_, length),) = pauses_of([0.0] * len(efforts), efforts)
+    looks = 2 * often + 1
+    assert length == pytest.approx(2 * often * slow + WORK + (looks - 1) * PERIOD)
 
 
 def test_the_longest_pause_that_reaches_into_a_time() -> None:
@@ -64,9 +90,9 @@ def test_a_machine_that_always_pauses_gets_its_failure_in_the_end() -> None:
     assert play_fairly(Piece("piece", lambda: next(rows))) == BAD | {"longest_pause_s": 0.02, "again": AGAIN}
 
 
-def test_watchers_start_and_end() -> None:
-    with PauseWatch([0]) as watched:
-        pauses = watched.end()
+def test_processes_start_and_end() -> None:
+    with Cores([0]) as cores:
+        pauses = cores.end()
     assert pauses.shape[1] == 2 and not np.any(pauses[:, 1] < PAUSE)
-    with pytest.raises(IndexError), PauseWatch([0]):
+    with pytest.raises(IndexError), Cores([0]):
         raise IndexError

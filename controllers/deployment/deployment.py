@@ -55,6 +55,9 @@ CARRIES, CARRIES_NOTHING = 0.5, 0.15
 TAKE_OVER, CHANGE_OVER = 0.5, 0.1
 """How long the controller's commands take to replace those of the posture, and the task's those of standing [s]."""
 
+SEEN = 0.5
+"""How long a stage has lasted before a go can be meant for it: one said twice, or too soon, skips none [s]."""
+
 COMMANDED = 250
 """Periods after which a motor that still says that it waits for a command has a fault."""
 
@@ -86,6 +89,7 @@ class Deployment:
         state: the last estimate; ``None`` before the calibration.
         missing: periods in a row without a new sound state.
         bridged: number of periods without one, in all.
+        let_go: whether a person has said go in latched damping.
     """
 
     def __init__(
@@ -127,7 +131,7 @@ class Deployment:
         self._told: str | None = None
         self._effort, self._speed = robot.joint_array("effort"), robot.joint_array("velocity")
         self._last: MotorCommand | None = None
-        self._task_done = self._dry = False
+        self._task_done = self._dry = self._told_early = self.let_go = False
         self._weight = robot.total_mass * GRAVITY
         self._steps: dict[Stage, Callable[[float, bool], MotorCommand]] = {
             Stage.ZERO_TORQUE: self._zero_torque,
@@ -186,10 +190,13 @@ class Deployment:
             around: what is known beside the states.
         """
         self.missing = 0 if self._fresh else self.missing + 1
+        if not self._periods:
+            self._began = self.stamp
         self.bridged += not self._fresh
         new, self._fresh = self._fresh, False
         try:
             go, stop = self._wishes(around)
+            go = go and self._seen()
             self._react(self._verdict(around, new), stop)
             command = self._checked(self._steps[self.stage](self.stamp, go))
             return self._written(brake(self.robot, self.stamp) if self.damped else command)
@@ -211,6 +218,15 @@ class Deployment:
         pressed = self.stream.message.buttons
         new, self._buttons = pressed & ~self._buttons, pressed
         return around.go or bool(new & GO), around.stop or bool(new & STOP)
+
+    def _seen(self) -> bool:
+        """Whether the stage has lasted for long enough that a go can mean it, and is not one of the stage before."""
+        if self.stamp - self._began >= SEEN:
+            return True
+        if self.asks and not self._told_early:
+            self._told_early = True
+            self._say(f"not yet: {self.stage.value} has only begun")
+        return False
 
     def _verdict(self, around: Surroundings, new: bool) -> Verdict:
         verdict = self._protection.inspect(self.stream.message, around, self._periods > COMMANDED, new)
@@ -278,7 +294,7 @@ class Deployment:
             return
         if cause is not None and self.cause is None:
             self.cause = cause
-        self.stage, self._began = stage, self.stamp
+        self.stage, self._began, self._told_early = stage, self.stamp, False
         self._say(f"{stage.value}{'' if cause is None else ': ' + cause}")
 
     def _checked(self, command: MotorCommand) -> MotorCommand:
@@ -464,6 +480,7 @@ class Deployment:
         return self._controlled(stamp)
 
     def _damped(self, stamp: float, go: bool) -> MotorCommand:
+        self.let_go = self.let_go or go
         return brake(self.robot, stamp)
 
     @property

@@ -30,10 +30,13 @@ AROUND = struct.Struct("<???dqdq")
 """How :class:`Surroundings` are written."""
 
 DAMPED_FOR = 1000
-"""Periods with a new state in which the motors are told to brake before the program ends."""
+"""Periods with a new state in which the motors are told to brake at least, whatever a person says."""
+
+OFF_AFTER = 2.0
+"""After so long without a state a robot that has braked is off [s]."""
 
 DEAF_FOR = 10.0
-"""How long they are told so where no state comes; then it is left to the guardian, which goes on [s]."""
+"""How long motors are told to brake where no state comes; then it is left to the guardian, which goes on [s]."""
 
 
 class Person(Protocol):
@@ -119,7 +122,7 @@ class DeploymentLoop:
         self._write, self._clock = write, clock
         self._guardian = Silence()
         self._sent: bytes | None = None
-        self._braked_periods, self._damped_at = 0, float("nan")
+        self._braked_periods, self._heard_at = 0, float("nan")
         self._stage, self._stage_began = deployment.stage, clock()
 
     def run(self) -> str | None:
@@ -174,7 +177,8 @@ class DeploymentLoop:
             self._port.send(sent)
             self._heart.mark("sent", self._clock())
         self._sent = sent
-        self._braked_periods += fresh and deployment.damped
+        if fresh and deployment.damped:
+            self._braked_periods, self._heard_at = self._braked_periods + 1, now
         self._log.write(Kind.AROUND, begun, pack_surroundings(around))
         self._log.write(Kind.COMMAND, now, command)
         self._log.write(Kind.SENT, now, bytes([not held_back]))
@@ -198,14 +202,20 @@ class DeploymentLoop:
         return Surroundings(go, stop, damp, self._port.battery(), strangers, guarded, self.timing.late_in_a_row)
 
     def _over(self) -> bool:
-        """Whether the motors have braked long enough; where the robot cannot be heard, it is left to the guardian."""
+        """Whether nobody needs its commands any more: a person says so, or the robot is off.
+
+        Where motors were never heard while they were told to brake, it is left to the guardian.
+        """
         if not self.deployment.damped:
             return False
         now = self._clock()
-        if math.isnan(self._damped_at):
-            self._damped_at = now
+        if math.isnan(self._heard_at):
+            self._heard_at = now
         self.braked = self._braked_periods >= DAMPED_FOR or not self._write
-        return self.braked or now - self._damped_at > DEAF_FOR
+        silent = now - self._heard_at
+        if self.braked:
+            return self.deployment.let_go or silent > OFF_AFTER or not self._write
+        return silent > DEAF_FOR
 
     def _guarded(self) -> str | None:
         """The guardian has the motors: say so, and do not fight for them."""

@@ -109,7 +109,7 @@ def checks(
         ),
         Check("rate of states", abs(rate * PERIOD - 1.0) < 0.1, f"{rate:.0f} Hz", "450 to 550 Hz"),
         Check("broken states", stream.broken == 0, f"{stream.broken}", "none"),
-        Check("joints", outside <= OUTSIDE_AT_MOST, f"{worst} {max(0.0, outside):.2f} rad outside", "inside limits"),
+        Check("joints", outside <= OUTSIDE_AT_MOST, _where(worst, outside), "inside limits"),
         Check(
             "temperature",
             bool(heat[hottest] < limits.warm),
@@ -147,6 +147,13 @@ def _outside(joints: G1Joints, q: Array) -> tuple[float, str]:
     outside = np.where(np.isfinite(q), np.maximum(lower - q, q - upper), np.inf)
     i = int(np.argmax(outside))
     return float(outside[i]), joints.robot.joint_names[i]
+
+
+def _where(joint: str, outside: float) -> str:
+    """How far the joint that is worst off is outside its limits, or inside [rad]."""
+    return (
+        f"{joint} {outside:.2f} rad outside" if outside > 0.0 else f"all within limits, {joint} by {-outside:.2f} rad"
+    )
 
 
 def require_met(found: Sequence[Check]) -> None:

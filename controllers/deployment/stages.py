@@ -86,7 +86,13 @@ STAGES = (
         "the feet carry nothing any more for a quarter of a second; or less than half, and go",
         True,
     ),
-    StageRow(Stage.DAMPED, "to brake, for good", "switches the robot off", "the end of the program", False),
+    StageRow(
+        Stage.DAMPED,
+        "to brake, for good",
+        "switches the robot off",
+        "no states come any more, for 2 s; or go, and 2 s have passed: nobody commands the motors then",
+        True,
+    ),
 )
 """The table; a fault leads from any stage to stopping or to latched damping, see
 :mod:`controllers.deployment.protection`."""
@@ -109,3 +115,9 @@ DAMP_BITS = button_bits("L2", "B")
 def row_of(stage: Stage) -> StageRow:
     """What the table says of a stage."""
     return next(row for row in STAGES if row.stage is stage)
+
+
+def explain(stage: Stage) -> str:
+    """What a person at the robot is told when a stage begins, in a line."""
+    row = row_of(stage)
+    return f"  motors are told {row.motors}; the person {row.person}; it ends when: {row.ends}"

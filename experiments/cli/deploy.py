@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from controllers.deployment.heartbeat import Heartbeat
 from controllers.deployment.loop import DeploymentLoop, Timing
 from controllers.deployment.realtime import CONTROLLER_PRIORITY, freeze_garbage, lock_memory, pin, schedule
 from controllers.deployment.ring import Kind, RingLog
-from controllers.deployment.stages import BUTTONS, KEYS, Stage
+from controllers.deployment.stages import BUTTONS, KEYS, Stage, explain
 from experiments.cli.persons import Announcer, Keyboard
 from experiments.running.deployment_tasks import LOG, Built, build, name_of
 from experiments.scenarios.hardware_options import DeployCommon
@@ -31,6 +32,9 @@ BYTES_A_SECOND = 1_700_000
 
 GUARDIAN_START = 30.0
 """How long the guardian may take to start [s]."""
+
+DRIVEN = frozenset(stage.value for stage in Stage) - {Stage.CONNECT, Stage.CHECKS, Stage.RELEASE}
+"""Stages that are explained as they begin: of the others the lines after tell."""
 
 FAULT = 3
 """Exit code where something other than the task's end, or a person, ended it."""
@@ -87,6 +91,8 @@ class Session:
         now = time.monotonic()
         self._log.write(Kind.EVENT, now, text.encode())
         self._announcer.tell(text)
+        if (named := text.partition(": ")[0]) in DRIVEN:
+            self._announcer.tell(explain(Stage(named)))
 
     def run(self) -> int:
         """Run it; the exit code."""
@@ -171,7 +177,7 @@ class Session:
         if not self._person.wait_for_go(port, stream):
             raise SafeWbcError("stopped before anything was sent")
         if not self._common.yes:
-            # a person may have taken their time
+            self._say("once more, since a person may have taken their time:")
             self._check(port, stream, rate)
         self._say(Stage.RELEASE.value)
         release(SwitcherClient(network), port, self._say)
@@ -207,9 +213,9 @@ class Session:
         text = json.dumps(summary, indent=2)
         (self._folder / SUMMARY).write_text(text + "\n", encoding="utf-8")
         self._log.close()
-        print(f"stopped for: {cause}; ended: {ended}")
-        for name, value in figures.items():
-            print(f"  {name}: {value:.3g}" if isinstance(value, float) else f"  {name}: {value}")
+        print(f"stopped for: {cause}" + ("" if ended == cause else f"; ended: {ended}"))
+        for line in told(figures):
+            print("  " + line)
         if self._built.motor is not None:
             for torque, vibration in self._built.motor.report():
                 print(f"  {torque:6.2f} N m: vibration {vibration:.4f} rad/s")
@@ -217,6 +223,8 @@ class Session:
             print(
                 f"the guardian, process {guardian.pid}, brakes the motors. When the robot is safe: kill {guardian.pid}"
             )
+        elif not self._common.dry_run:
+            print("nobody commands the motors any more: the robot has to be off, or hang")
         print(f"log: {self._folder / LOG}")
         return 0 if (ended or "").startswith(EXPECTED) else FAULT
 
@@ -247,6 +255,19 @@ def timing_figures(timing: Timing) -> dict[str, float | int]:
         "age_p99_ms": float(np.percentile(age, 99)),
         "age_max_ms": float(age.max()),
     }
+
+
+def told(figures: Mapping[str, float | int]) -> list[str]:
+    """The same for a person, with how the states came."""
+    f = figures
+    return [
+        f"commands: {f['periods']}, {f['late']} not ready within 2 ms, {f['late_pairs']} of them in a row; "
+        f"work {f['work_median_ms']:.2f} ms in the median, {f['work_p99_ms']:.2f} p99, {f['work_max_ms']:.2f} at most",
+        f"states: {f['periods_bridged']} periods without a new sound one; {f['states_lost']} lost, "
+        f"{f['states_broken']} with a wrong check sum, {f['states_repeated']} repeated or old; "
+        f"age when answered {f['age_median_ms']:.2f} ms in the median, {f['age_p99_ms']:.2f} p99, "
+        f"{f['age_max_ms']:.2f} at most",
+    ]
 
 
 def _plain(common: DeployCommon) -> dict[str, Any]:

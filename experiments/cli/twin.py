@@ -14,7 +14,8 @@ from experiments.scenarios.resolve import plant_config, sensor_errors
 from robots.checks import require_between, require_positive
 from robots.errors import ConfigError, SafeWbcError
 from robots.loader import load_robot
-from sims.twin.orders import load_script
+from sims.twin.faults import FAULTS
+from sims.twin.orders import VERBS, load_script
 from sims.twin.pace import Pace
 from sims.twin.ports import MemoryPorts
 from sims.twin.record import Record
@@ -26,7 +27,7 @@ PRIORITY = 40
 LOOK_PERIODS = 5
 """Periods from look to look at standard input."""
 
-REPORT_PERIODS = 10_000
+REPORT_PERIODS = 60_000
 """Periods from report to report at a terminal."""
 
 UNSTABLE = 1
@@ -111,6 +112,8 @@ def run(played: Twin, duration: float) -> Pace:
     gc.freeze()
     gc.disable()
     played.say("ready")
+    if terminal:
+        tell("orders: " + ", ".join((*VERBS, *FAULTS)))
     pace = Pace(STEP)
     try:
         while not (played.ended or asked or played.plant.unstable or played.time >= duration - STEP / 2):
@@ -152,11 +155,14 @@ def report(played: Twin, pace: Pace) -> list[str]:
     refused = ", ".join(f"{n} {cause}" for cause, n in board.refused.items() if n) or "none"
     released = board.service is None
     age, simulated = board.age(pace.now()), f"{played.time:.3f} s simulated, {1e3 * pace.dropped:.1f} ms dropped"
+    used = f"{age:.3f} s old" if math.isfinite(age) else "none" if released else "the service's"
+    if board.timed_out(pace.now()):
+        used += f": the motors have timed out, and {board.reaction}"
     return [
         f"real time: factor {played.time / passed:.4f}, {simulated}",
         f"periods: {pace.periods}, {pace.late} late by more than 0.5 ms, worst {1e3 * pace.worst:.2f} ms",
         f"LowCmd: {board.received} received, {board.accepted} accepted, refused: {refused}",
-        "command in use: " + (f"{age:.3f} s old" if math.isfinite(age) else "none" if released else "the service's"),
+        f"command in use: {used}",
     ]
 
 

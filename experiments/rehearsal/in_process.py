@@ -24,7 +24,7 @@ ANSWER = 1
 WITHOUT_STATE = 4
 """Steps without a state after which a period counts as one without."""
 
-DWELL, STANDS, RAISES = 0.2, 2.0, 3.0
+DWELL, STANDS, RAISES = 0.6, 2.0, 3.0
 """How long a stage lasts before a go; standing; and stopping, before the hoist is raised [s]."""
 
 LONGEST = 600.0

@@ -34,6 +34,7 @@ class Board:
         accepted: number of them that the motors were given.
         refused: number of the others, by cause.
         service: what the robot's own service tells the motors; ``None`` where it is released.
+        reaction: of motors that have timed out.
 
     Raises:
         ConfigError: ``timeout`` is not positive, or no such reaction.
@@ -42,7 +43,7 @@ class Board:
     def __init__(self, joints: G1Joints, timeout: float = 0.1, reaction: str = "hold") -> None:
         require_positive("motor_timeout", timeout)
         require_one_of("on_timeout", reaction, REACTIONS)
-        self._joints, self._timeout, self._reaction = joints, timeout, reaction
+        self._joints, self._timeout, self.reaction = joints, timeout, reaction
         self._message = CommandMessage()
         zero = np.zeros(len(joints.robot.joints))
         self._limp = MotorCommand(zero, zero, zero, zero, zero, 0.0)
@@ -100,4 +101,4 @@ class Board:
         """What the motors are told at ``now`` [s]; the same object as long as it does not change."""
         if self.service is not None:
             return self.service
-        return self._damping if self._reaction == "damp" and self.timed_out(now) else self._last
+        return self._damping if self.reaction == "damp" and self.timed_out(now) else self._last

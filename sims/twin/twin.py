@@ -211,7 +211,7 @@ class Twin:
         plant, timed_out = self.plant, self.board.timed_out(now)
         if timed_out != self._timed_out:
             self._timed_out = timed_out
-            self.say("motors timed out" if timed_out else "motors are commanded again")
+            self.say(f"motors timed out: they {self.board.reaction}" if timed_out else "motors are commanded again")
         command = self.board.command(now)
         wrong = self.defects.encoder
         if command is not self._given or wrong.any():

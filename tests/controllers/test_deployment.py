@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from controllers.deployment.deployment import FAR_FROM_POSTURE, MISSING_IN_A_ROW
+from controllers.deployment.deployment import FAR_FROM_POSTURE, MISSING_IN_A_ROW, SEEN
 from controllers.deployment.loop import pack_surroundings, unpack_surroundings
 from controllers.deployment.motor_check import HOLD, RAMP, MotorCheck, MotorCheckSettings
 from controllers.deployment.motors import PostureRamp, brake, limp, mix
@@ -21,6 +21,7 @@ from robots.unitree.messages import StateMessage
 from tests.support.fake_g1 import PERIOD, ROBOT, FakeG1
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "hardware.md"
+SEEN_PERIODS = round(SEEN / PERIOD)
 KNEE = ROBOT.joint_names.index("left_knee_joint")
 ELBOW = ROBOT.joint_names.index("left_elbow_joint")
 
@@ -62,6 +63,7 @@ def test_the_way_to_the_posture_is_smooth_and_begins_where_the_robot_is() -> Non
     robot = FakeG1()
     robot.periods(2)
     robot.go()
+    robot.periods(SEEN_PERIODS)
     start = robot.q.copy()
     robot.period(Surroundings(go=True))
     before, steps = start, []
@@ -130,9 +132,9 @@ def test_stop_before_it_stands_brakes_for_good(stage: str) -> None:
 
 def test_buttons_count_once_for_a_press() -> None:
     robot = FakeG1()
-    robot.periods(2)
+    robot.periods(SEEN_PERIODS)
     robot.buttons = frozenset({"A"})
-    robot.periods(100)
+    robot.periods(2 * SEEN_PERIODS)
     assert robot.is_at(Stage.DAMPING)
     robot.buttons = frozenset()
     robot.periods(2)
@@ -142,6 +144,29 @@ def test_buttons_count_once_for_a_press() -> None:
     robot.buttons = frozenset({"select"})
     robot.periods(2)
     assert robot.is_at(Stage.DAMPED)
+
+
+def test_a_go_that_is_said_twice_or_too_soon_skips_no_stage() -> None:
+    robot = FakeG1()
+    for _ in range(SEEN_PERIODS - 1):
+        robot.period(Surroundings(go=True))
+    assert robot.is_at(Stage.ZERO_TORQUE)
+    assert robot.said == ["not yet: zero torque has only begun"]
+    robot.go()
+    for _ in range(SEEN_PERIODS - 2):
+        robot.period(Surroundings(go=True))
+    assert robot.is_at(Stage.DAMPING)
+    assert robot.said[1:] == ["damping", "not yet: damping has only begun"]
+
+
+def test_a_go_in_latched_damping_lets_the_robot_go_and_none_from_before() -> None:
+    robot = FakeG1()
+    robot.periods(2)
+    robot.period(Surroundings(go=True, damp=True))
+    robot.period(Surroundings(go=True))
+    assert robot.is_at(Stage.DAMPED) and not robot.deployment.let_go
+    robot.go()
+    assert robot.deployment.let_go and robot.brakes
 
 
 # --- faults

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from controllers.deployment.deployment import SEEN
 from controllers.deployment.heartbeat import Heartbeat
-from controllers.deployment.loop import DAMPED_FOR, DEAF_FOR, FIRST_STATE, DeploymentLoop, Timing
+from controllers.deployment.loop import DAMPED_FOR, DEAF_FOR, FIRST_STATE, OFF_AFTER, DeploymentLoop, Timing
 from controllers.deployment.ring import Kind, RingLog, read_log
 from controllers.deployment.stages import Stage
 from controllers.deployment.watchman import SILENCE
@@ -58,10 +59,11 @@ class Nobody:
     """A person who goes on until a stage, and then says nothing more."""
 
     def __init__(self, until: Stage) -> None:
-        self._until, self.stop = until, False
+        self._until, self.stop, self.lets_go = until, False, True
 
     def wishes(self, stage: Stage, asks: bool, since: float) -> tuple[bool, bool, bool]:
-        return asks and stage is not self._until, self.stop, False
+        says = stage is not self._until and (self.lets_go or stage is not Stage.DAMPED)
+        return asks and says and since > SEEN, self.stop, False
 
 
 class Played:
@@ -99,13 +101,44 @@ def stop_after(played: Played, count: int) -> None:
 
 
 def test_it_ends_after_it_has_braked_for_long_enough(played: Played) -> None:
-    stop_after(played, 300)
+    stop_after(played, 800)
     assert played.loop.run() == "stop"
     assert played.loop.braked
     assert all(played.brakes(data) for data in played.port.sent[-DAMPED_FOR:])
     assert not played.brakes(played.port.sent[-DAMPED_FOR - 1])
     kinds = [record.kind for record in read_log(played.path)]
     assert kinds.count(Kind.COMMAND) == len(played.port.sent) == kinds.count(Kind.SENT)
+
+
+def test_it_goes_on_braking_until_a_person_lets_the_robot_go(played: Played) -> None:
+    played.person.lets_go = False
+    stop_after(played, 800)
+    inner = played.port.on_receive
+
+    def at(count: int) -> None:
+        inner(count)
+        if count > 6000:
+            played.person.lets_go = True
+
+    played.port.on_receive = at
+    assert played.loop.run() == "stop" and played.loop.braked
+    assert 6000 < played.port.count < 6010
+    assert all(played.brakes(data) for data in played.port.sent[-5000:])
+
+
+def test_it_goes_on_braking_until_the_robot_is_off(played: Played) -> None:
+    played.person.lets_go = False
+    stop_after(played, 800)
+    inner = played.port.on_receive
+
+    def at(count: int) -> None:
+        inner(count)
+        played.port.silent = count > 3000
+
+    played.port.on_receive = at
+    assert played.loop.run() == "stop" and played.loop.braked
+    assert played.port.now - 50.0 - 3000 * PERIOD == pytest.approx(OFF_AFTER, abs=0.1)
+    assert all(played.brakes(data) for data in played.port.sent[-2000:])
 
 
 @pytest.mark.parametrize("where", ["receive", "send", "log"])
@@ -158,13 +191,13 @@ def test_a_late_command_is_not_sent_but_the_one_before(played: Played) -> None:
     late: list[int] = []
 
     def slow(count: int) -> None:
-        played.port.work = 3e-3 if count == 250 else 2e-4
-        if count == 251:
+        played.port.work = 3e-3 if count == 700 else 2e-4
+        if count == 701:
             late.append(len(played.port.sent))
 
     played.port.on_receive = slow
     played.person.stop = False
-    stop_at = 320
+    stop_at = 770
     inner = played.port.on_receive
 
     def both(count: int) -> None:
@@ -184,15 +217,15 @@ def test_a_second_late_command_in_a_row_goes_out(played: Played) -> None:
     sent: list[int] = []
 
     def slow(count: int) -> None:
-        played.port.work = 3e-3 if count in (250, 251) else 2e-4
+        played.port.work = 3e-3 if count in (700, 701) else 2e-4
         sent.append(len(played.port.sent))
-        played.person.stop = count >= 300
+        played.person.stop = count >= 750
 
     played.port.on_receive = slow
     played.loop.run()
     assert (played.loop.timing.late, played.loop.timing.late_pairs) == (2, 1)
-    first, second = played.port.sent[sent[249]], played.port.sent[sent[250]]
-    assert first == played.port.sent[sent[249] - 1] != second
+    first, second = played.port.sent[sent[699]], played.port.sent[sent[700]]
+    assert first == played.port.sent[sent[699] - 1] != second
 
 
 def test_braking_that_no_state_answers_does_not_count(played: Played) -> None:
@@ -261,7 +294,7 @@ def test_before_the_first_state_a_stop_is_heard(played: Played) -> None:
 
 def test_a_dry_run_sends_nothing(tmp_path: Path) -> None:
     played = Played(tmp_path, write=False)
-    stop_after(played, 300)
+    stop_after(played, 800)
     played.loop.run()
     assert played.port.sent == [] and played.heart.read("sent") == 0.0
 

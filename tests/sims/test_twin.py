@@ -192,7 +192,7 @@ def test_motors_time_out_and_say_so(reaction: str, tmp_path: Path) -> None:
             # from the time-out to the next command, in steps of 2 ms
             assert 2e-3 * damped.sum() == pytest.approx(0.15, abs=5e-3)
         assert np.nanmax(saved["lowcmd_age"]) == pytest.approx(0.2, abs=5e-3)
-        assert list(saved["events"]) == ["released", "motors timed out", "motors are commanded again"]
+        assert list(saved["events"]) == ["released", f"motors timed out: they {reaction}", "motors are commanded again"]
 
 
 def test_a_script_lowers_the_robot_to_the_ground_and_ends_it() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from controllers.deployment.deployment import SEEN
 from controllers.deployment.heartbeat import Heartbeat
 from controllers.deployment.loop import DeploymentLoop
 from controllers.deployment.ring import Kind, Record, RingLog, read_head, read_log
@@ -65,8 +66,8 @@ class Script:
         self._last = last
 
     def wishes(self, stage: Stage, asks: bool, since: float) -> tuple[bool, bool, bool]:
-        ends = stage is self._last and since > 0.1
-        return asks and stage is not self._last and since > 0.02, ends, False
+        ends = stage is self._last and since > 0.12
+        return asks and stage is not self._last and since > SEEN, ends, False
 
 
 def deployed(folder: Path, task: object, last: Stage, dry: bool = False, size: int = AMPLE) -> Path:

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 
 from controllers.agent import Agent
-from controllers.deployment.deployment import Deployment
+from controllers.deployment.deployment import SEEN, Deployment
 from controllers.deployment.motor_check import MotorCheck
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.stages import Stage
@@ -95,7 +95,8 @@ class FakeG1:
             self.period(around)
 
     def go(self) -> None:
-        """A person's go, and a period after it."""
+        """A person's go, once the stage has lasted for long enough, and a period after it."""
+        self.periods(round(SEEN / PERIOD))
         self.period(Surroundings(go=True))
         self.period()
 

@@ -1,4 +1,4 @@
-"""Scores of the p-SSA paper, section V-D. Higher is better in all of them; the best is 1."""
+"""Scores of the p-SSA paper, section V-D, and of SPARK, section IV-F. Higher is better in all; the best is 1."""
 
 import numpy as np
 
@@ -59,3 +59,19 @@ def safety_score(depth: Array) -> float | None:
 def feasible_rate(violation: Array) -> float:
     """Fraction of ticks without violation, R_feas of eq. (17); ``violation``: shape (T,) total of each tick [m/s]."""
     return 1.0 - float(np.mean(violation > 0))
+
+
+def goal_score(distances: Array, size: float, scale: float) -> float:
+    r"""How well goals of some size are kept, J of eqs. (17), (18) and (21) of SPARK.
+
+    .. math:: J = \frac{1}{n T} \sum_{t, i} \exp(-\max(d_{i,t} - r, 0)^2 / \sigma)
+
+    The paper leaves the size r and the scale open; its code, version 1.0, has 0.05 m and 0.002 m^2 for hands, 0.1 m and
+    0.05 m^2 for the base.
+
+    Args:
+        distances: shape (T, n) to the goals at each tick [m].
+        size: r [m].
+        scale: sigma, above 0 [m^2].
+    """
+    return float(np.mean(np.exp(-np.square(np.maximum(distances - size, 0.0)) / scale)))

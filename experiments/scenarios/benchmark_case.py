@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -125,6 +125,33 @@ class GoalDraw:
 
 
 @dataclass(frozen=True, slots=True)
+class FilterTable:
+    """Parameters of filters, for obstacles and the robot's own bodies alike.
+
+    Attributes:
+        eta: rate of SSA and its kin, above 0 [m/s].
+        slope: lambda of SSS, above 0 [1/s].
+        alpha: of the CBF and ISSf-CBF (lambda in SPARK), above 0 [1/s].
+        epsilon: of ISSf-CBF, above 0.
+        push_cartesian: c of PFM, above 0 [m/s].
+        push_joint: c of SMA, above 0 [rad/s].
+        slack_weight: of squared violations in r-SSA, above 0 [s/m squared].
+    """
+
+    eta: float = 0.5
+    slope: float = 10.0
+    alpha: float = 10.0
+    epsilon: float = 5.0
+    push_cartesian: float = 0.1
+    push_joint: float = 40.0
+    slack_weight: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            require_positive(name, getattr(self, name))
+
+
+@dataclass(frozen=True, slots=True)
 class BenchmarkCase:
     """One test case.
 
@@ -137,6 +164,7 @@ class BenchmarkCase:
         margin: distance to obstacles that is to be kept [m].
         self_margin: the same of the robot's own bodies [m].
         source: whose case it is.
+        parameters: of filters.
     """
 
     name: str
@@ -147,6 +175,7 @@ class BenchmarkCase:
     margin: float = 0.1
     self_margin: float = 0.01
     source: str = "ours"
+    parameters: FilterTable = field(default_factory=FilterTable)
 
     def __post_init__(self) -> None:
         require_between("order", self.order, 1, 2)

@@ -116,7 +116,11 @@ def draw_scene(
         raise ConfigError("seed", seed, "from 0 to 4294967295")
     generator = RandomState(seed)
     obstacles, directions = _obstacles(case, generator, spheres, case.obstacles.number if number is None else number)
-    goals = _hand_goals(case, generator, obstacles, base_height)
+    # drawn there too, and thrown away
+    generator.uniform(size=6)
+    goals = _hand_goals(case, generator, obstacles - np.array([0.0, 0.0, base_height]))
+    if case.goals.base_low is not None:
+        generator.uniform(size=3)
     return DrawnScene(seed, obstacles, directions, goals, _base_goal(case, generator, obstacles), generator)
 
 
@@ -137,16 +141,31 @@ def _obstacles(
     return places, directions
 
 
-def _hand_goals(case: BenchmarkCase, generator: RandomState, obstacles: Array, base_height: float) -> Array:
+def redraw_goals(case: BenchmarkCase, scene: DrawnScene, obstacles: Array, base: tuple[Array, Array]) -> DrawnScene:
+    """The scene with further goals, drawn by its generator where obstacles are now.
+
+    Args:
+        case: with its boxes and keep-outs.
+        scene: whose generator goes on.
+        obstacles: shape (n, 3) centres now, world [m].
+        base: rotation (3, 3) and origin (3,) of the base's axes now [m].
+
+    Raises:
+        CrowdedError: a goal finds no place.
+    """
+    rotation, origin = base
+    hands = _hand_goals(case, scene.generator, (obstacles - origin) @ rotation)
+    return replace(scene, hand_goals=hands, base_goal=_base_goal(case, scene.generator, obstacles))
+
+
+def _hand_goals(case: BenchmarkCase, generator: RandomState, obstacles: Array) -> Array:
+    """Goals (2, 3); they and ``obstacles`` (n, 3) in the base's axes [m]."""
     goals, drawn = np.zeros((2, 3)), case.goals
     boxes = (drawn.left_low, drawn.left_high), (drawn.right_low, drawn.right_high)
-    # drawn there too, and thrown away
-    generator.uniform(size=6)
     for hand, box in enumerate(boxes):
         for _ in _candidates(case, f"goal of the {('left', 'right')[hand]} hand"):
             goals[hand] = generator.uniform(*box)
-            place = goals[hand] + np.array([0.0, 0.0, base_height])
-            if (np.linalg.norm(obstacles - place, axis=1) >= drawn.hand_keep_out).all():
+            if (np.linalg.norm(obstacles - goals[hand], axis=1) >= drawn.hand_keep_out).all():
                 break
     return goals
 
@@ -155,7 +174,6 @@ def _base_goal(case: BenchmarkCase, generator: RandomState, obstacles: Array) ->
     drawn = case.goals
     if drawn.base_low is None or drawn.base_high is None:
         return None
-    generator.uniform(size=3)
     goal = np.zeros(3)
     for _ in _candidates(case, "goal of the base"):
         goal[:2] = generator.uniform(drawn.base_low, drawn.base_high)

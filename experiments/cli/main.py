@@ -21,6 +21,7 @@ from experiments.scenarios.registry import SCENARIOS, own_scenario
 from experiments.scenarios.scenario import Scenario
 from experiments.studies.pivot import PivotOptions
 from experiments.studies.study_options import (
+    BenchmarkOptions,
     CorridorOptions,
     LocomotionTableOptions,
     PushSearchOptions,
@@ -124,6 +125,7 @@ def command_line(own: str | None = None) -> Any:
         | Annotated[sweep_command(own), tyro.conf.subcommand("sweep")]
         | Annotated[PivotOptions, tyro.conf.subcommand("pivot")]
         | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
+        | Annotated[BenchmarkOptions, tyro.conf.subcommand("benchmark")]
         | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
         | Annotated[TableOptions, tyro.conf.subcommand("table")]
         | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
@@ -158,6 +160,7 @@ def named_in(arguments: Sequence[str]) -> str | None:
 
 COMMANDS: dict[type, str] = {
     BenchOptions: "benchmarks.tick:bench",
+    BenchmarkOptions: "studies.benchmark:benchmark",
     CorridorOptions: "studies.corridor:corridor",
     DemoOptions: "cli.demo:demo",
     LocomotionTableOptions: "studies.locomotion_table:locomotion_table",

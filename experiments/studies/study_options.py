@@ -165,3 +165,35 @@ class RobustnessOptions:
     first_seed: int = 1
     """The first one; the runs of tuning have seed 0 [-]."""
     work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
+
+
+@dataclass(frozen=True)
+class BenchmarkOptions:
+    """Test cases of the papers, every filter on the same scenes, with the papers' scores and figures beside them.
+
+    The robot is an integrator of velocities at 100 Hz, as in both papers: it does what the filter says, and bodies pass
+    through each other. A scene follows from its seed as SPARK draws it.
+    """
+
+    suite: tyro.conf.Positional[Literal["spark", "p-ssa"]] = "spark"
+    """spark: tables 2 and 3 of its paper; p-ssa: figures 5 and 6 of its paper."""
+    size: Literal["smoke", "paper"] = "smoke"
+    """smoke: some minutes on two cores; paper: as many seeds and steps as the paper has."""
+    cases: tuple[str, ...] = ()
+    """Names of cases; all of the paper's that are driven by velocities if not given."""
+    filters: tuple[str, ...] = ()
+    """Filters: none, ssa, rssa, pssa, sss, cbf, issf, pfm, sma; ssa-naive, sss-naive, cbf-naive, issf-naive pass the
+    nominal velocity on where they have no solution, as in the papers. Those of the suite if not given."""
+    seeds: int | None = None
+    """How many, from --first-seed on; by the size if not given [-]."""
+    first_seed: int = 0
+    """The first one [-]."""
+    steps: int | None = None
+    """Of an episode at most; by the size if not given [-]."""
+    counts: Literal["code", "paper"] = "code"
+    """Numbers of obstacles: those of SPARK's code, or those of its paper's table 9."""
+    velocity: str = "none"
+    """What filters are told of the obstacles' velocity: none, as in SPARK's first order, or true."""
+    case_file: Path | None = None
+    """File of cases of one's own, as experiments/data/benchmark_cases.toml."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)

@@ -1,0 +1,122 @@
+"""The benchmark command: what it runs, how seeds become a line, and what the paper says beside it."""
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from experiments.studies.benchmark import (
+    SUITES,
+    benchmark,
+    benchmark_cases,
+    check_benchmark,
+    evaluate,
+    papers,
+    summed,
+    told,
+)
+from experiments.studies.study_options import BenchmarkOptions
+from experiments.studies.work import WorkOptions
+from robots.errors import ConfigError, UnknownNameError
+
+OPTIONS = BenchmarkOptions()
+
+
+def row(**changes: Any) -> dict[str, Any]:
+    entries = {
+        "filter": "ssa",
+        "seed": 0,
+        "J_arm": 0.5,
+        "J_base": None,
+        "M_self": 1.0,
+        "M_env": 0.5,
+        "C": None,
+        "S": 0.5,
+        "R_feas": 1.0,
+        "success_paper": False,
+        "success": True,
+        "steps_in_margin": 0.5,
+        "steps_in_collision": 0.0,
+        "passed_unsafe": 0,
+        "goals_reached": 1,
+        "filter_ms_median": 0.1,
+        "starts_in_margin": False,
+        "min_h_obstacle_m": 0.02,
+        "min_h_self_collision_m": 0.03,
+    }
+    return entries | changes
+
+
+def test_a_line_is_the_mean_over_seeds_with_its_interval_and_the_papers_figure() -> None:
+    rows = [row(), row(seed=1, J_arm=0.7, success=False, starts_in_margin=True, min_h_obstacle_m=-0.01)]
+    (line,) = summed({"ssa": {"J_arm": 0.6, "success": 1.0}}, rows)
+    assert str(line["J_arm"]).startswith("0.600 [0.5") and line["M_self"] == "1.000" and line["J_base"] is None
+    assert line["success"] == 0.5 and line["success_clear"] == 1.0 and line["least_h"] == -0.01
+    assert line["paper_J_arm"] == 0.6 and line["paper_success"] == 1.0 and "paper_M_env" not in line
+    assert told(rows) == "1 of 2 scenes begin within the margin."
+
+
+def test_filters_and_their_naive_forms_have_lines_of_their_own_beside_the_same_figure() -> None:
+    lines = summed({"ssa": {"J_arm": 0.6}}, [row(), row(filter="ssa-naive"), row(filter="none")])
+    assert [line["filter"] for line in lines] == ["ssa", "ssa-naive", "none"]
+    assert [line.get("paper_J_arm") for line in lines] == [0.6, 0.6, None]
+
+
+def test_the_papers_figures_are_of_every_case_of_the_suite() -> None:
+    rigs = check_benchmark(OPTIONS)
+    assert sorted(rig.case.name for rig in rigs) == sorted(papers()) and len(rigs) == 8
+    # table 2 and table 3
+    first = papers()["G1FixedBase_D1_AG_SO_v0"]
+    assert first["cbf"] == {"J_arm": 0.6742, "M_self": 1.0, "M_env": 0.8687, "success": 1.0}
+    assert papers()["G1MobileBase_D1_WG_DO_v1"]["sma"]["J_base"] == 0.6059
+    assert {name for figures in papers().values() for name in figures} == {"ssa", "pfm", "cbf", "sma", "sss"}
+    assert len(check_benchmark(replace(OPTIONS, suite="p-ssa"))) == 8
+
+
+def test_a_case_is_what_decides_its_result() -> None:
+    (rig,) = check_benchmark(replace(OPTIONS, cases=("G1FixedBase_SO_V1",)))
+    keys = [case.key for case in benchmark_cases(OPTIONS, rig)]
+    assert len(set(keys)) == len(keys) == len(SUITES["spark"]) * 6
+    told_true = benchmark_cases(replace(OPTIONS, velocity="true"), rig)
+    longer = benchmark_cases(replace(OPTIONS, steps=300), rig)
+    assert not {case.key for case in told_true + longer} & set(keys)
+    more = benchmark_cases(replace(OPTIONS, seeds=7), rig)
+    assert {case.key for case in more} > set(keys)
+
+
+def test_it_runs_prints_and_goes_on_where_it_was(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = replace(
+        OPTIONS,
+        suite="p-ssa",
+        cases=("G1FixedBase_SO_V1",),
+        filters=("none", "pssa"),
+        seeds=2,
+        steps=20,
+        work=WorkOptions(jobs=1, out=tmp_path / "study"),
+    )
+    assert benchmark(options) == 0
+    printed = capsys.readouterr().out
+    assert "G1FixedBase_SO_V1: 5 obstacles, 2 seeds, 20 steps at most" in printed and "| pssa |" in printed
+    assert benchmark(replace(options, seeds=3)) == 0
+    expected = evaluate(None, "G1FixedBase_SO_V1", "code", "pssa", 2, 20)
+    assert f"{expected['goals_reached']}" in capsys.readouterr().out and expected["steps"] == 20
+
+
+@pytest.mark.parametrize(
+    "changes, message",
+    [
+        ({"filters": ("magic",)}, "filters"),
+        ({"cases": ("G1FixedBase_D2_AG_SO_v0",)}, "order"),
+        ({"seeds": 0}, "seeds"),
+        ({"steps": 0}, "steps"),
+        ({"velocity": "guessed"}, "velocity"),
+        ({"first_seed": -1}, "first_seed"),
+        ({"case_file": Path("nowhere.toml")}, "nowhere.toml"),
+    ],
+)
+def test_what_is_not_allowed_is_named(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        check_benchmark(replace(OPTIONS, **changes))
+    with pytest.raises(UnknownNameError, match="G2"):
+        check_benchmark(replace(OPTIONS, cases=("G2",)))

@@ -3,9 +3,10 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, cast, runtime_checkable
 
 from controllers.perception import Detection
+from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from safety.barriers.barrier_set import BarrierSet, ObstacleBarrier
@@ -19,6 +20,15 @@ class Policy(Protocol):
 
     def velocity(self, kin: Kinematics) -> Array:
         """Desired velocity (nv,) at the kinematics' configuration [m/s, rad/s]."""
+        ...
+
+
+@runtime_checkable
+class AcceleratingPolicy(Policy, Protocol):
+    """One that filters of order 2 need."""
+
+    def acceleration(self, kin: Kinematics, v: Array) -> Array:
+        """Desired acceleration (nv,) at the state of the kinematics and ``v`` (nv,) [m/s^2, rad/s^2]."""
         ...
 
 
@@ -39,8 +49,8 @@ class KinematicOutput:
     """What one tick came to.
 
     Attributes:
-        command: shape (nv,) velocity for the plant.
-        v_des: shape (nv,) of the policy.
+        command: shape (nv,) velocity for the plant; acceleration where the filter is of order 2.
+        v_des: shape (nv,) of the policy, likewise.
         rows: barrier rows at the state, valid until the next tick.
         result: of the filter.
         filter_seconds: that the filter took.
@@ -54,16 +64,19 @@ class KinematicOutput:
 
 
 class KinematicAgent:
-    """Drives a kinematic plant by velocities: policy, barriers, filter.
+    """Drives a kinematic plant: policy, barriers, filter; by accelerations where the filter is of order 2.
 
     Args:
         kin: of the robot, on any base.
-        policy: gives the nominal velocity.
+        policy: gives the nominal velocity or acceleration.
         barriers: to keep; an obstacle barrier among them is told the obstacles of ``surroundings``.
-        safety_filter: of velocities, for the rows of ``barriers``.
+        safety_filter: for the rows of ``barriers``.
         dt: control period [s].
         surroundings: known without error.
         clock: monotonic seconds, for the filter's time.
+
+    Raises:
+        ConfigError: a filter of order 2 with a policy that has no accelerations.
     """
 
     def __init__(
@@ -78,17 +91,28 @@ class KinematicAgent:
     ) -> None:
         self.kin, self.policy, self.barriers, self.filter, self.dt = kin, policy, barriers, safety_filter, dt
         self._surroundings, self._clock = surroundings, clock
+        if safety_filter.settings.order == 2 and not isinstance(policy, AcceleratingPolicy):
+            raise ConfigError("policy", type(policy).__name__, "one with accelerations, for a filter of order 2")
         self._obstacles = next((b for b in barriers.barriers if isinstance(b, ObstacleBarrier)), None)
 
     def tick(self, state: RobotState, detections: Sequence[Detection] = ()) -> KinematicOutput:
-        """The velocity for a measured configuration; ``detections`` are not looked at."""
-        t = state.stamp
-        self.kin.update_geometry(state.q)
+        """The command for a measured state; ``detections`` are not looked at."""
+        t, second = state.stamp, self.filter.settings.order == 2
+        if second:
+            self.kin.update_motion(state.q, state.v)
+        else:
+            self.kin.update_geometry(state.q)
         self._surroundings.move_goals(t)
         if self._obstacles is not None:
             self._obstacles.set_obstacles(self._surroundings.obstacles(t))
-        rows = self.barriers.evaluate(self.kin)
-        v_des = self.policy.velocity(self.kin)
+        rows = self.barriers.evaluate(self.kin, second)
+        v_des = self._desired(state, second)
         began = self._clock()
-        result = self.filter.apply(rows, v_des)
+        result = self.filter.apply(rows, v_des, velocity=state.v if second else None)
         return KinematicOutput(result.v, v_des, rows, result, self._clock() - began)
+
+    def _desired(self, state: RobotState, second: bool) -> Array:
+        """What the policy asks for: a velocity or an acceleration."""
+        if not second:
+            return self.policy.velocity(self.kin)
+        return cast(AcceleratingPolicy, self.policy).acceleration(self.kin, state.v)

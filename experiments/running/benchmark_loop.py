@@ -1,4 +1,8 @@
-"""One episode of a benchmark's case on an integrator: the closed loop, what is kept of it, and its scores."""
+"""One episode of a benchmark's case on an integrator: the closed loop, what is kept of it, and its scores.
+
+The integrator is of first order, velocities in, or of second order, accelerations in, as the case says. For the second
+the index is SPARK's of first power with a gain of 1 s: h less its margin, plus its rate.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -46,8 +50,8 @@ NAIVE = "-naive"
 HARD = tuple(name for name in ("ssa", "sss", "cbf", "issf") if name in KINDS)
 """Filters that have a naive form."""
 
-FILTERS = ("none", *(n for n, kind in KINDS.items() if n != "none" and 1 in kind.orders), *(n + NAIVE for n in HARD))
-"""Names of filters that a case can be run with."""
+FILTERS = ("none", *(n for n in KINDS if n != "none"), *(n + NAIVE for n in HARD))
+"""Names of filters that cases can be run with; some are for one of both orders only."""
 
 KNOWN_VELOCITIES = ("none", "true")
 """What filters are told of the velocity of obstacles: nothing, as in SPARK's first order, or what it is."""
@@ -94,12 +98,10 @@ def rig_of(book: CaseBook, name: str, counts: str = "code") -> BenchmarkRig:
 
     Raises:
         SafeWbcError: there is no such case, or the robot does not have what it says.
-        ConfigError: another count, control by accelerations, or a base that walks.
+        ConfigError: another count, or a base that walks.
     """
     case = book.case(name)
     require_one_of("counts", counts, ("code", "paper"))
-    if case.order != 1:
-        raise ConfigError("order", case.order, "1: on the integrator, episodes are driven by velocities")
     if case.configuration.base == "walking":
         raise ConfigError("base", "walking", "fixed or planar on an integrator")
     robot = benchmark_robot(book.robot)
@@ -138,7 +140,7 @@ class BenchmarkEpisode(Observer):
         velocity: one of ``KNOWN_VELOCITIES``.
 
     Raises:
-        ConfigError: no such filter, or no such word.
+        ConfigError: no such filter, one of another order than the case's, or no such word.
         CrowdedError: the scene cannot be drawn.
     """
 
@@ -155,7 +157,7 @@ class BenchmarkEpisode(Observer):
         self._obstacles = ObstacleBarrier(bodies, ["sphere"] * rig.number, bodies.names)
         own = SelfCollisionBarrier("self_collision", bodies, rig.robot.self_collision_pairs)
         self.barriers = BarrierSet(kin, bodies, [own, self._obstacles])
-        limits = benchmark_limits(kin)
+        limits = benchmark_limits(kin, case.order)
         self._hands = tuple(case.configuration.hands)
         points = [(HAND_BODIES[hand], HAND_OFFSET) for hand in self._hands]
         self._ik = HandIk(rig.robot, case.configuration.joints, points, START)
@@ -165,10 +167,12 @@ class BenchmarkEpisode(Observer):
             self.barriers.size,
             parameters_of(case),
             limits,
-            settings=FilterSettings(infeasible="unsafe_pass_nominal" if name.endswith(NAIVE) else "least_slack", dt=DT),
+            settings=FilterSettings(
+                infeasible="unsafe_pass_nominal" if name.endswith(NAIVE) else "least_slack", order=case.order, dt=DT
+            ),
         )
         self.agent = KinematicAgent(kin, self.policy, self.barriers, self.filter, DT, self)
-        self.plant = KinematicPlant(kin, q0)
+        self.plant = KinematicPlant(kin, q0, case.order)
         self._kin, self._chosen = kin, [HANDS.index(hand) for hand in self._hands]
         self._ticks: list[tuple[Any, ...]] = []
         self.goals_reached, self._ends = 0, False

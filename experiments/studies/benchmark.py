@@ -22,7 +22,7 @@ SUITES: dict[str, tuple[str, ...]] = {
     "spark": ("none", "ssa", "ssa-naive", "rssa", "pssa", "sss", "sss-naive", "cbf", "cbf-naive", "issf", "pfm", "sma"),
     "p-ssa": ("ssa-naive", "rssa", "pssa"),
 }
-"""Filters of the suites; their cases are those of their papers that are driven by velocities."""
+"""Filters of the suites; their cases are those of their papers."""
 
 SOURCES = {"spark": "SPARK", "p-ssa": "p-SSA"}
 """What their cases say of where they are from."""
@@ -102,12 +102,15 @@ def check_benchmark(options: BenchmarkOptions) -> list[BenchmarkRig]:
     for name in ("seeds", "steps"):
         if (given := getattr(options, name)) is not None:
             require_between(name, given, 1, 100_000)
+    require_between("order", options.order, 1, 2 if options.suite == "spark" else 1)
     require_between("first_seed", options.first_seed, 0, 2**31)
     book = load_cases(options.case_file)
     names = options.cases or [
         name
         for name, case in book.cases.items()
-        if case.source == SOURCES[options.suite] and case.order == 1 and case.configuration.base != "walking"
+        if case.source == SOURCES[options.suite]
+        and case.order == options.order
+        and case.configuration.base != "walking"
     ]
     return [rig_of(book, name, options.counts) for name in names]
 

@@ -171,8 +171,8 @@ class RobustnessOptions:
 class BenchmarkOptions:
     """Test cases of the papers, every filter on the same scenes, with the papers' scores and figures beside them.
 
-    The robot is an integrator of velocities at 100 Hz, as in both papers: it does what the filter says, and bodies pass
-    through each other. A scene follows from its seed as SPARK draws it.
+    The robot is an integrator at 100 Hz, as in both papers: it does what the filter says, and bodies pass through each
+    other. A scene follows from its seed as SPARK draws it.
     """
 
     suite: tyro.conf.Positional[Literal["spark", "p-ssa"]] = "spark"
@@ -180,7 +180,9 @@ class BenchmarkOptions:
     size: Literal["smoke", "paper"] = "smoke"
     """smoke: some minutes on two cores; paper: as many seeds and steps as the paper has."""
     cases: tuple[str, ...] = ()
-    """Names of cases; all of the paper's that are driven by velocities if not given."""
+    """Names of cases; all of the paper's of --order if not given."""
+    order: int = 1
+    """1: cases in which the robot is moved by velocities; 2: by accelerations, SPARK's only."""
     filters: tuple[str, ...] = ()
     """Filters: none, ssa, rssa, pssa, sss, cbf, issf, pfm, sma; ssa-naive, sss-naive, cbf-naive, issf-naive pass the
     nominal velocity on where they have no solution, as in the papers. Those of the suite if not given."""

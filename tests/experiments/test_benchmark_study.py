@@ -107,7 +107,8 @@ def test_it_runs_prints_and_goes_on_where_it_was(tmp_path: Path, capsys: pytest.
     "changes, message",
     [
         ({"filters": ("magic",)}, "filters"),
-        ({"cases": ("G1FixedBase_D2_AG_SO_v0",)}, "order"),
+        ({"order": 3}, "order"),
+        ({"suite": "p-ssa", "order": 2}, "order"),
         ({"seeds": 0}, "seeds"),
         ({"steps": 0}, "steps"),
         ({"velocity": "guessed"}, "velocity"),

@@ -15,7 +15,7 @@ from controllers.policies.hand_ik import HandIk
 from controllers.policies.ik_pid import IkPidPolicy
 from controllers.policies.kinematic_agent import KinematicAgent, KinematicOutput
 from controllers.policies.nominal import benchmark_limits
-from experiments.metrics.scores import TOUCH, control_score, feasible_rate, goal_score, safety_score
+from experiments.metrics.scores import TOUCH, control_score, feasible_rate, goal_score, safety_score, tracking_score
 from experiments.running.loop import ClosedLoop, Observer
 from experiments.scenarios.benchmark_case import HANDS, BenchmarkCase, CaseBook
 from experiments.scenarios.benchmark_motions import motion_of
@@ -268,7 +268,7 @@ def scores(case: BenchmarkCase, episode: Episode) -> dict[str, float | int | boo
     """Scores of an episode, those of the papers and sane ones beside them.
 
     ``J_arm``, ``J_base``, ``M_self``, ``M_env`` are SPARK's, a score of safety being 1 where no margin is entered;
-    ``C``, ``S``, ``R_feas`` those of p-SSA, ``None`` where nothing is counted. ``success_paper``: in the last step the
+    ``J`` (of the hands), ``C``, ``S``, ``R_feas`` those of p-SSA, ``None`` where nothing is counted. ``success_paper``: in the last step the
     mean of the hands' distances and that of the base are within their sizes, and nothing was ever touched, as SPARK
     counts. ``success``: all goals were reached at one time, and nothing was touched.
     """
@@ -286,6 +286,7 @@ def scores(case: BenchmarkCase, episode: Episode) -> dict[str, float | int | boo
         "J_base": None if np.isnan(base).all() else goal_score(base[:, None], goals.base_size, BASE_SCALE),
         "M_self": 1.0 if m_self is None else m_self,
         "M_env": 1.0 if m_env is None else m_env,
+        "J": tracking_score(s["hands"]),
         "C": control_score(s["violation"]) if conditions else None,
         "S": safety_score(np.concatenate([depth, own_depth], axis=1)),
         "R_feas": feasible_rate(s["violation"]) if conditions else None,

@@ -54,7 +54,7 @@ SPARK_COLUMNS = (
 )
 PSSA_COLUMNS = (
     Metric("filter", "filter"),
-    Metric("J_arm", "J"),
+    Metric("J", "J"),
     Metric("C", "C"),
     Metric("S", "S"),
     Metric("R_feas", "R_feas"),
@@ -169,7 +169,7 @@ def papers() -> Mapping[str, Mapping[str, Mapping[str, float]]]:
     return tomllib.loads((resources.files("experiments") / "data" / "benchmark_papers.toml").read_text("utf-8"))
 
 
-AVERAGED = ("J_arm", "J_base", "M_self", "M_env", "C", "S", "R_feas")
+AVERAGED = ("J_arm", "J_base", "M_self", "M_env", "J", "C", "S", "R_feas")
 """Shown with the interval of their mean over seeds."""
 
 PLAIN = (

@@ -196,6 +196,7 @@ def test_scores_are_the_papers_formulas() -> None:
     found = scores(FIXED.case, episode_of())
     # distances beyond the goals' size of 0.05 m: 0.15, and none
     assert found["J_arm"] == pytest.approx((np.exp(-(0.15**2) / 0.002) + 3.0) / 4.0)
+    assert found["J"] == pytest.approx(np.mean(np.exp(-(np.array([0.2, 0.02, 0.04, 0.04]) ** 2) / 0.002)))
     # one pair is within the margin of 0.1 m, by 0.02 m
     assert found["M_env"] == pytest.approx(np.exp(-(0.02**2) / 0.0002)) and found["M_self"] == 1.0
     assert found["S"] == pytest.approx(found["M_env"])

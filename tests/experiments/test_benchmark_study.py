@@ -31,6 +31,7 @@ def row(**changes: Any) -> dict[str, Any]:
         "J_base": None,
         "M_self": 1.0,
         "M_env": 0.5,
+        "J": 0.4,
         "C": None,
         "S": 0.5,
         "R_feas": 1.0,

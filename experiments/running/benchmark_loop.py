@@ -268,9 +268,10 @@ def scores(case: BenchmarkCase, episode: Episode) -> dict[str, float | int | boo
     """Scores of an episode, those of the papers and sane ones beside them.
 
     ``J_arm``, ``J_base``, ``M_self``, ``M_env`` are SPARK's, a score of safety being 1 where no margin is entered;
-    ``J`` (of the hands), ``C``, ``S``, ``R_feas`` those of p-SSA, ``None`` where nothing is counted. ``success_paper``: in the last step the
-    mean of the hands' distances and that of the base are within their sizes, and nothing was ever touched, as SPARK
-    counts. ``success``: all goals were reached at one time, and nothing was touched.
+    ``J`` (of the hands), ``C``, ``S``, ``R_feas`` those of p-SSA, ``None`` where nothing is counted.
+    ``success_paper``: in the last step the mean of the hands' distances and that of the base are within their sizes,
+    and nothing was ever touched, as SPARK counts. ``success``: all goals were reached at one time, and nothing was
+    touched.
     """
     s, goals = episode.series, case.goals
     h, own, base = s["h_obstacle"], s["h_self_collision"], s["base"]

@@ -9,7 +9,6 @@ counted in what the guardian has watched: where the whole machine stood still, t
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ import numpy as np
 from controllers.deployment.heartbeat import Heartbeat
 from controllers.deployment.realtime import GUARDIAN_PRIORITY, anywhere, freeze_garbage, lock_memory, schedule
 from controllers.deployment.watchman import ASKED, SILENCE, Watchman, brake_message
+from robots.clocks import MACHINE, Clock, SharedClock
 from robots.description import RobotDescription
 from robots.loader import load_robot
 from robots.unitree.g1 import MODE_MACHINE
@@ -30,7 +30,14 @@ ALONE = 600.0
 """Without a state, after which it ends: until then a cable that is put back finds motors that are braked [s]."""
 
 
-def guard(path: Path, domain: int, interface: str, robot: RobotDescription, patience: float = SILENCE) -> None:
+def guard(
+    path: Path,
+    domain: int,
+    interface: str,
+    robot: RobotDescription,
+    patience: float = SILENCE,
+    clock: Clock = MACHINE,
+) -> None:
     """Watch until told to end by a signal, by the controller's own end, or by silence of the robot.
 
     Args:
@@ -39,6 +46,7 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription, pati
         interface: of DDS.
         robot: the description.
         patience: silence of the controller after which it takes over [s].
+        clock: of the deployment.
     """
     from robots.unitree.dds import Network  # noqa: PLC0415 - its threads inherit the scheduling that is set before
 
@@ -56,10 +64,10 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription, pati
     watchman, message, data = Watchman(patience), StateMessage(), brake_message(robot, MODE_MACHINE)
     lock_memory()
     freeze_garbage()
-    came = due = time.monotonic()
+    came = due = clock.now()
     variant, buttons = MODE_MACHINE, 0
     while not ended:
-        now = time.monotonic()
+        now = clock.now()
         heart.mark("guarded", now)
         newest = states.newest()
         if newest is not None:
@@ -85,14 +93,15 @@ def guard(path: Path, domain: int, interface: str, robot: RobotDescription, pati
         elif heart.read("ended") or (not heart.read("sent") and os.getppid() != parent):
             # the controller has ended of itself, or whoever started this has gone before its first command
             break
-        time.sleep(WATCH if watchman.cause is None else 0.5 * WATCH)
+        clock.sleep(WATCH if watchman.cause is None else 0.5 * WATCH)
 
 
 def main(arguments: list[str]) -> None:
-    """Arguments: file of the heartbeat, domain, interface, robot; and the patience, if it is another one."""
-    path, domain, interface, robot, *patience = arguments
+    """Arguments: file of the heartbeat, domain, interface, robot, patience; a simulation's clock, if it goes by one."""
+    path, domain, interface, robot, patience, *clock = arguments
     np.seterr(all="ignore")
-    guard(Path(path), int(domain), interface, load_robot(robot), *map(float, patience))
+    goes_by = SharedClock(Path(clock[0]), "guardian") if clock else MACHINE
+    guard(Path(path), int(domain), interface, load_robot(robot), float(patience), goes_by)
 
 
 if __name__ == "__main__":

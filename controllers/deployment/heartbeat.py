@@ -1,12 +1,13 @@
 """Signs of life between controller and guardian: a few numbers in memory that both processes see."""
 
 import mmap
+import os
 from pathlib import Path
 
 import numpy as np
 
 FIELDS = ("sent", "guarded", "latched", "ended", "asked", "heard")
-"""Times on the monotonic clock of this machine [s], 0 for never: the controller's last command, the guardian's last
+"""Times on the clock of the deployment [s], 0 for never: the controller's last command, the guardian's last
 sign, when the guardian took over, when the controller ended of itself, when the guardian saw L2 + B, when
 somebody was there who receives the guardian's commands."""
 
@@ -52,3 +53,11 @@ class Heartbeat:
     def read(self, field: str) -> float:
         """Read one [s]."""
         return float(self._values[FIELDS.index(field)])
+
+
+def memory_file(path: Path) -> Path:
+    """A file of this process in memory, where there is such a place: a disk that is busy keeps nobody waiting."""
+    shared = Path("/dev/shm")
+    if not os.access(shared, os.W_OK):
+        return path
+    return shared / f"safewbc-{os.getpid()}-{path.name}"

@@ -62,7 +62,7 @@ class Timing:
     """How the deadlines were kept.
 
     Attributes:
-        work: from the first look at a state to its command [s], period by period.
+        work: from the first look at a state to its command, by this machine's clock, period by period [s].
         age: of the state when its command was ready, on the clock of the states [s].
         late: number of commands that were not ready within a period of the look.
         late_pairs: number of them that came right after another one.
@@ -77,11 +77,14 @@ class Timing:
     without: int = 0
     late_in_a_row: int = 0
 
-    def count(self, work: float, age: float, fresh: bool) -> bool:
-        """Take in a period; returns whether its command is late."""
+    def count(self, work: float, took: float, age: float, fresh: bool) -> bool:
+        """Take in a period, which ``took`` so long by the clock of the deadlines; returns whether its command is late.
+
+        Times in s.
+        """
         self.work.append(work)
         self.without += not fresh
-        late = fresh and work > PERIOD
+        late = fresh and took > PERIOD
         if fresh:
             self.age.append(age)
         self.late += late
@@ -100,7 +103,8 @@ class DeploymentLoop:
         log: of everything in and out.
         person: who is asked.
         write: whether commands are sent; a dry run does all but that.
-        clock: monotonic [s].
+        clock: monotonic, that of the deadlines [s].
+        stopwatch: of this machine, by which the work is measured [s].
 
     Attributes:
         timing: how the deadlines were kept.
@@ -116,12 +120,14 @@ class DeploymentLoop:
         person: Person,
         write: bool = True,
         clock: Callable[[], float] = time.monotonic,
+        stopwatch: Callable[[], float] = time.perf_counter,
     ) -> None:
         self.deployment, self.timing, self.braked = deployment, Timing(), False
         self._port, self._heart, self._log, self._person = port, heart, log, person
-        self._write, self._clock = write, clock
+        self._write, self._clock, self._stopwatch = write, clock, stopwatch
         self._guardian = Silence()
         self._sent: bytes | None = None
+        self._work_began = 0.0
         self._braked_periods, self._heard_at = 0, float("nan")
         self._stage, self._stage_began = deployment.stage, clock()
 
@@ -156,7 +162,7 @@ class DeploymentLoop:
     def _take_in(self, due: float) -> tuple[float, bool]:
         """Take in what comes until ``due`` and a little longer [s]; returns when it was taken, and if anything came."""
         arrivals = self._port.receive(due + PATIENCE)
-        begun = self._clock()
+        begun, self._work_began = self._clock(), self._stopwatch()
         for data, arrived in arrivals:
             self.deployment.take(data, arrived)
             self._log.write(Kind.STATE, arrived, data)
@@ -168,7 +174,8 @@ class DeploymentLoop:
         command = deployment.step(around)
         now = self._clock()
         fresh = deployment.missing == 0
-        late = timing.count(now - begun, now - deployment.stream.clock.stamp, fresh)
+        work = self._stopwatch() - self._work_began
+        late = timing.count(work, now - begun, now - deployment.stream.clock.stamp, fresh)
         held_back = late and timing.late_in_a_row == 1 and self._sent is not None and not deployment.damped
         # a second one in a row goes out late: motors must not be without anything new for long
         sent = self._sent if held_back and self._sent is not None else command

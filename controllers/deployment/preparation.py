@@ -1,7 +1,6 @@
 """What comes before the first command: connect, check, release the on-board service."""
 
 import math
-import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -69,12 +68,13 @@ def connect(port: G1Port, stream: StateStream, timeout: float = CONNECT_TIME) ->
         NotReadyError: they have not come within ``timeout`` [s].
     """
     stamps: list[float] = []
-    end = time.monotonic() + timeout
+    clock = port.clock
+    end = clock.now() + timeout
     while len(stamps) < CHECKED:
-        for data, arrived in port.receive(min(end, time.monotonic() + 0.1)):
+        for data, arrived in port.receive(min(end, clock.now() + 0.1)):
             if stream.take(data, arrived) is not None:
                 stamps.append(arrived)
-        if time.monotonic() > end:
+        if clock.now() > end:
             why = f"{len(stamps)} sound states, {stream.broken} broken, in {timeout:g} s"
             raise NotReadyError(f"no robot: {why}; is the interface right, and the robot on?")
     return (len(stamps) - 1) / max(stamps[-1] - stamps[0], 1e-9)
@@ -178,13 +178,13 @@ def release(
             switcher.release()
             released = "; it was released: THE ROBOT IS LIMP"
             say(f"on-board service {name!r} was active, and is released: the robot is limp now")
-            time.sleep(pause)
+            port.clock.sleep(pause)
         if name := switcher.mode():
             raise NotReadyError(f"the on-board service {name!r} is active after {RELEASES} releases{released}")
     except SwitcherError as error:
         raise NotReadyError(f"{error}{released}") from error
     port.strangers()
-    time.sleep(quiet)
+    port.clock.sleep(quiet)
     if count := port.strangers():
         others = f"{count} commands on rt/lowcmd in {quiet:g} s"
         raise NotReadyError(f"somebody else commands the motors: {others}{released}")

@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -14,14 +13,16 @@ from typing import Any
 
 import numpy as np
 
-from controllers.deployment.heartbeat import Heartbeat
+from controllers.deployment.heartbeat import Heartbeat, memory_file
 from controllers.deployment.loop import DeploymentLoop, Timing
 from controllers.deployment.realtime import CONTROLLER_PRIORITY, freeze_garbage, lock_memory, pin, schedule
 from controllers.deployment.ring import Kind, RingLog
 from controllers.deployment.stages import BUTTONS, KEYS, Stage, explain
+from controllers.deployment.watchman import SILENCE
 from experiments.cli.persons import Announcer, Keyboard
 from experiments.running.deployment_tasks import LOG, Built, build, name_of
 from experiments.scenarios.hardware_options import DeployCommon
+from robots.clocks import MACHINE, Clock, SharedClock
 from robots.errors import ConfigError, SafeWbcError
 
 SUMMARY, HEART = "deployment.json", "heartbeat"
@@ -68,6 +69,8 @@ def check_options(common: DeployCommon) -> None:
     """
     if common.yes and common.interface != LOOPBACK:
         raise ConfigError("yes", common.yes, f"left out but on {LOOPBACK}: a person decides, where a robot can be")
+    if common.clock is not None and common.interface != LOOPBACK:
+        raise ConfigError("clock", common.clock, f"left out but on {LOOPBACK}: a robot waits for nobody")
     if not 10.0 <= common.log_seconds <= 3600.0:
         raise ConfigError("log_seconds", common.log_seconds, "from 10 to 3600")
     if find_spec("cyclonedds") is None:
@@ -79,7 +82,8 @@ class Session:
 
     def __init__(self, common: DeployCommon, built: Built, folder: Path) -> None:
         self._common, self._built, self._folder = common, built, folder
-        self._announcer = Announcer()
+        self._clock: Clock = MACHINE if common.clock is None else SharedClock(common.clock, "deployment")
+        self._announcer = Announcer(self._clock)
         self._person = Keyboard(common.yes)
         head = {"task": built.scenario, "options": _plain(common), "robot": built.robot.name}
         self._log = RingLog(folder / LOG, int(common.log_seconds * BYTES_A_SECOND), head)
@@ -88,7 +92,7 @@ class Session:
         self._deployment = built.deployment(self._say)
 
     def _say(self, text: str) -> None:
-        now = time.monotonic()
+        now = self._clock.now()
         self._log.write(Kind.EVENT, now, text.encode())
         self._announcer.tell(text)
         if (named := text.partition(": ")[0]) in DRIVEN:
@@ -114,7 +118,7 @@ class Session:
         guardian = None
         try:
             network = Network(common.domain, common.interface)
-            port = G1Port(network)
+            port = G1Port(network, self._clock)
             say(f"{Stage.CONNECT.value}: domain {common.domain}, interface {common.interface}")
             # one of its own: what the deployment takes in is all in the log
             stream = StateStream(self._deployment.joints)
@@ -128,24 +132,27 @@ class Session:
         except BaseException:
             if not self._heart.read("sent"):
                 # the motors were told nothing: there is nothing to guard
-                self._heart.mark("ended", time.monotonic())
+                self._heart.mark("ended", self._clock.now())
             self._log.close()
             raise
         finally:
             self._heart_file.unlink(missing_ok=True)
             self._announcer.close()
+            self._clock.leave()
         return self._end(cause, guardian)
 
     def _start_guardian(self) -> subprocess.Popen[bytes]:
         common = self._common
         module = "controllers.deployment.guardian"
-        arguments = [str(self._heart_file), str(common.domain), common.interface, self._built.robot.name]
+        where = [str(self._heart_file), str(common.domain), common.interface]
+        arguments = [*where, self._built.robot.name, str(SILENCE), *([str(common.clock)] if common.clock else [])]
         guardian = subprocess.Popen([sys.executable, "-m", module, *arguments], start_new_session=True)
         end = time.monotonic() + GUARDIAN_START
         while not self._heart.read("guarded"):
             if time.monotonic() > end or guardian.poll() is not None:
                 raise SafeWbcError("the guardian did not start: without it the robot is not driven")
-            time.sleep(0.01)
+            time.sleep(0.001)
+            self._clock.now()
         # both have it in memory now, and nobody else is to
         self._heart_file.unlink()
         self._say(f"guardian: process {guardian.pid}")
@@ -156,9 +163,9 @@ class Session:
 
         gyro = []
         self._say(Stage.CHECKS.value)
-        end = time.monotonic() + 1.5
-        while time.monotonic() < end:
-            for data, arrived in port.receive(time.monotonic() + 0.1):
+        end = self._clock.now() + 1.5
+        while (now := self._clock.now()) < end:
+            for data, arrived in port.receive(now + 0.1):
                 if (reading := stream.take(data, arrived)) is not None:
                     gyro.append(reading.gyro)
         found = checks(stream, rate, port.battery(), np.array(gyro))
@@ -180,15 +187,16 @@ class Session:
             self._say("once more, since a person may have taken their time:")
             self._check(port, stream, rate)
         self._say(Stage.RELEASE.value)
-        release(SwitcherClient(network), port, self._say)
+        release(SwitcherClient(network, clock=self._clock), port, self._say)
 
     def _drive(self, port: Any) -> str | None:
         common, deployment = self._common, self._deployment
-        loop = DeploymentLoop(deployment, port, self._heart, self._log, self._person, not common.dry_run)
+        writes, clock = not common.dry_run, self._clock.now
+        loop = DeploymentLoop(deployment, port, self._heart, self._log, self._person, writes, clock)
         self.timing = loop.timing
         self._say(lock_memory())
         freeze_garbage()
-        port.receive(time.monotonic())
+        port.receive(self._clock.now())
         if common.dry_run:
             self._person.end_hung_after(10.0)
             deployment.begin_dry()
@@ -197,7 +205,7 @@ class Session:
             return loop.run()
         finally:
             if loop.braked and not self._heart.read("latched"):
-                self._heart.mark("ended", time.monotonic())
+                self._heart.mark("ended", self._clock.now())
 
     def _end(self, cause: str | None, guardian: "subprocess.Popen[bytes] | None") -> int:
         latched = bool(self._heart.read("latched")) or not (self._heart.read("ended") or self._common.dry_run)
@@ -233,14 +241,6 @@ EXPECTED = ("at rest", "stop", "the motor check is over", "person", "the guardia
 """What it may end with that is no fault."""
 
 
-def memory_file(path: Path) -> Path:
-    """A file of this process in memory, where there is such a place: a disk that is busy keeps nobody waiting."""
-    shared = Path("/dev/shm")
-    if not os.access(shared, os.W_OK):
-        return path
-    return shared / f"safewbc-{os.getpid()}-{path.name}"
-
-
 def timing_figures(timing: Timing) -> dict[str, float | int]:
     """How the deadlines were kept, in ms and counts."""
     work, age = (1e3 * np.array(values or [np.nan]) for values in (timing.work, timing.age))
@@ -272,4 +272,4 @@ def told(figures: Mapping[str, float | int]) -> list[str]:
 
 def _plain(common: DeployCommon) -> dict[str, Any]:
     table = dataclasses.asdict(common)
-    return table | {"out": str(common.out) if common.out is not None else None}
+    return table | {name: None if table[name] is None else str(table[name]) for name in ("out", "clock")}

@@ -3,10 +3,10 @@
 import os
 import queue
 import threading
-import time
 from typing import Any
 
 from controllers.deployment.stages import Stage
+from robots.clocks import MACHINE, Clock
 from robots.unitree.remote import button_bits
 
 DWELL = 1.0
@@ -24,15 +24,15 @@ GO = button_bits("A")
 class Announcer:
     """Prints from a thread of its own: a terminal that waits keeps no command waiting."""
 
-    def __init__(self) -> None:
+    def __init__(self, clock: Clock = MACHINE) -> None:
         self._texts: queue.SimpleQueue[tuple[float, str] | None] = queue.SimpleQueue()
-        self._began = time.monotonic()
+        self._clock, self._began = clock, clock.now()
         self._thread = threading.Thread(target=self._print, daemon=True)
         self._thread.start()
 
     def tell(self, text: str) -> None:
         """Have a line printed, with the time since the begin."""
-        self._texts.put((time.monotonic() - self._began, text))
+        self._texts.put((self._clock.now() - self._began, text))
 
     def _print(self) -> None:
         while (told := self._texts.get()) is not None:
@@ -110,7 +110,7 @@ class Keyboard:
             return False
         held = GO
         while not self._yes:
-            for data, arrived in port.receive(time.monotonic() + 0.02):
+            for data, arrived in port.receive(port.clock.now() + 0.02):
                 if stream.take(data, arrived) is not None:
                     if stream.message.buttons & GO & ~held:
                         return True

@@ -1,4 +1,4 @@
-"""``safewbc twin``: a process that plays a G1 in real time, told what to do by lines of its standard input."""
+"""``safewbc twin``: a process that plays a G1 as time passes, told what to do by lines of its standard input."""
 
 import gc
 import math
@@ -6,15 +6,18 @@ import os
 import select
 import signal
 import sys
+import time
 from importlib.util import find_spec
 
 from experiments.scenarios.hardware_options import TwinOptions
 from experiments.scenarios.options import PlantOptions, SensingOptions
 from experiments.scenarios.resolve import plant_config, sensor_errors
 from robots.checks import require_between, require_positive
+from robots.clocks import SharedClock
 from robots.errors import ConfigError, SafeWbcError
 from robots.loader import load_robot
 from sims.twin.faults import FAULTS
+from sims.twin.lockstep import Lockstep
 from sims.twin.orders import VERBS, load_script
 from sims.twin.pace import Pace
 from sims.twin.ports import MemoryPorts
@@ -54,7 +57,11 @@ def twin(options: TwinOptions) -> int:
 
     dds = DdsPorts(options.domain, options.interface)
     played = Twin(robot, config, dds, SwitcherService(dds.network), script, record, tell)
-    pace = run(played, options.duration if options.duration is not None else math.inf)
+    if options.clock is None:
+        pace: Pace | Lockstep = Pace(STEP)
+    else:
+        pace = Lockstep(STEP, SharedClock.create(options.clock, time.monotonic()), dds.debt)
+    run(played, pace, options.duration if options.duration is not None else math.inf)
     for line in [f"scheduling: {scheduled}", *report(played, pace)]:
         tell(line)
     if record is not None:
@@ -103,8 +110,8 @@ def schedule(cpu: int | None) -> str:
     return f"FIFO {PRIORITY}, {where}"
 
 
-def run(played: Twin, duration: float) -> Pace:
-    """Play in real time until the end; returns how well time was kept."""
+def run(played: Twin, pace: Pace | Lockstep, duration: float) -> None:
+    """Play until the end, at the times of ``pace``."""
     asked: list[int] = []
     before = {number: signal.signal(number, lambda n, _: asked.append(n)) for number in (signal.SIGINT, signal.SIGTERM)}
     lines, terminal = Lines(), sys.stdout.isatty()
@@ -114,7 +121,6 @@ def run(played: Twin, duration: float) -> Pace:
     played.say("ready")
     if terminal:
         tell("orders: " + ", ".join((*VERBS, *FAULTS)))
-    pace = Pace(STEP)
     try:
         while not (played.ended or asked or played.plant.unstable or played.time >= duration - STEP / 2):
             played.step(pace.wait())
@@ -132,10 +138,9 @@ def run(played: Twin, duration: float) -> Pace:
     elif not played.ended:
         played.say(f"end: {signal.Signals(asked[0]).name}" if asked else "end: duration")
     pace.stop()
-    return pace
 
 
-def obey(played: Twin, pace: Pace, lines: "Lines") -> None:
+def obey(played: Twin, pace: Pace | Lockstep, lines: "Lines") -> None:
     """Carry out what has come from standard input."""
     for line in lines.take():
         order = played.obey(line)
@@ -143,24 +148,23 @@ def obey(played: Twin, pace: Pace, lines: "Lines") -> None:
             show(played, pace)
 
 
-def show(played: Twin, pace: Pace) -> None:
+def show(played: Twin, pace: Pace | Lockstep) -> None:
     """Print the sums up to now."""
     for line in report(played, pace):
         tell(line)
 
 
-def report(played: Twin, pace: Pace) -> list[str]:
+def report(played: Twin, pace: Pace | Lockstep) -> list[str]:
     """The sums: time kept, commands taken and refused, the one in use."""
-    board, passed = played.board, pace.passed
+    board = played.board
     refused = ", ".join(f"{n} {cause}" for cause, n in board.refused.items() if n) or "none"
     released = board.service is None
-    age, simulated = board.age(pace.now()), f"{played.time:.3f} s simulated, {1e3 * pace.dropped:.1f} ms dropped"
+    age = board.age(pace.now())
     used = f"{age:.3f} s old" if math.isfinite(age) else "none" if released else "the service's"
     if board.timed_out(pace.now()):
         used += f": the motors have timed out, and {board.reaction}"
     return [
-        f"real time: factor {played.time / passed:.4f}, {simulated}",
-        f"periods: {pace.periods}, {pace.late} late by more than 0.5 ms, worst {1e3 * pace.worst:.2f} ms",
+        *pace.told(played.time),
         f"LowCmd: {board.received} received, {board.accepted} accepted, refused: {refused}",
         f"command in use: {used}",
     ]

@@ -1,4 +1,7 @@
-"""A rehearsal as it is with a robot: twin and deployment as processes, over DDS on this machine, in real time."""
+"""A rehearsal as it is with a robot: twin and deployment as processes, over DDS on this machine.
+
+In real time, or in lockstep: then all go by the twin's clock, and what follows calls its times monotonic too.
+"""
 
 import json
 import os
@@ -16,14 +19,19 @@ from types import TracebackType
 
 import numpy as np
 
+from controllers.deployment.heartbeat import memory_file
 from controllers.deployment.ring import Kind, read_log
 from controllers.deployment.stages import Stage
 from experiments.rehearsal.cores import Cores
 from experiments.rehearsal.performance import Performance
+from robots.clocks import MACHINE, Clock, SharedClock
 from robots.errors import SafeWbcError
 
 START = 180.0
 """How long a process may take to be ready: kernels may have to be compiled [s]."""
+
+MUCH_SLOWER = 10.0
+"""How many times longer than by the clock something may take in real time."""
 
 GUARDIAN = re.compile(r"guardian: process (\d+)")
 
@@ -39,11 +47,11 @@ class Child:
     """A process whose lines are read as they come.
 
     Attributes:
-        lines: with the monotonic time at which they came [s].
+        lines: as they came.
     """
 
     arguments: Sequence[str]
-    lines: list[tuple[float, str]] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
 
     def __post_init__(self) -> None:
         environment = os.environ | {"OMP_NUM_THREADS": "1", "PYTHONUNBUFFERED": "1"}
@@ -61,7 +69,7 @@ class Child:
     def _read(self) -> None:
         assert self.process.stdout is not None
         for line in self.process.stdout:
-            self.lines.append((time.monotonic(), line.rstrip("\n")))
+            self.lines.append(line.rstrip("\n"))
 
     def tell(self, line: str) -> None:
         """Write a line to its standard input."""
@@ -71,7 +79,7 @@ class Child:
 
     def said(self, pattern: str, after: int = 0) -> bool:
         """Whether a line, from the one of number ``after`` on, matches."""
-        return any(re.search(pattern, text) for _, text in list(self.lines)[after:])
+        return any(re.search(pattern, text) for text in list(self.lines)[after:])
 
     def wait_for(self, pattern: str, timeout: float) -> bool:
         """Wait for a line; ``False`` where the process has ended without, or the time is over [s]."""
@@ -98,7 +106,25 @@ class Child:
     @property
     def text(self) -> str:
         """All it has said."""
-        return "\n".join(text for _, text in self.lines)
+        return "\n".join(self.lines)
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """Where twin and deployment meet.
+
+    Attributes:
+        domain: of DDS.
+        lockstep: all go by the twin's clock, which waits for them.
+    """
+
+    domain: int
+    lockstep: bool = False
+
+    @property
+    def how(self) -> str:
+        """In a word."""
+        return "lockstep" if self.lockstep else "processes"
 
 
 class Pair:
@@ -106,7 +132,7 @@ class Pair:
 
     Args:
         folder: that everything is written to.
-        domain: of DDS.
+        place: where they meet.
         twin: options of the twin.
         task: words of the deployment's task.
 
@@ -115,8 +141,8 @@ class Pair:
         raised_at: when the hoist was raised, NaN for never [s].
     """
 
-    def __init__(self, folder: Path, domain: int, twin: Sequence[str], task: Sequence[str]) -> None:
-        self.folder, self._domain = folder, domain
+    def __init__(self, folder: Path, place: Place, twin: Sequence[str], task: Sequence[str]) -> None:
+        self.folder = folder
         self.orders: list[tuple[float, str]] = []
         self._record, self._out = folder / "truth.npz", folder / "deployment"
         # of one that was interrupted
@@ -124,12 +150,16 @@ class Pair:
         folder.mkdir(parents=True)
         self._lowered, self._stopped_at, self._task = False, float("nan"), list(task)
         self.raised_at = float("nan")
-        cores = sorted(os.sched_getaffinity(0))
+        cores = [] if place.lockstep else sorted(os.sched_getaffinity(0))
         self._cores = [str(cores[0]), str(cores[-1])] if len(cores) > 1 else []
         self._watched = Cores([int(core) for core in self._cores])
-        place = ["--cpu", self._cores[0]] if self._cores else []
-        where = ["--domain", str(domain), "--interface", "lo"]
-        self.twin = Child(["twin", "g1", *where, *place, "--record", str(self._record), *twin])
+        core = ["--cpu", self._cores[0]] if self._cores else []
+        self._clock_file = memory_file(Path(f"clock-{place.domain}")) if place.lockstep else None
+        self._clock: Clock = MACHINE
+        self._where = ["--domain", str(place.domain), "--interface", "lo"]
+        if self._clock_file is not None:
+            self._where += ["--clock", str(self._clock_file)]
+        self.twin = Child(["twin", "g1", *self._where, *core, "--record", str(self._record), *twin])
         self.deployment: Child | None = None
         self.guardian: int | None = None
 
@@ -139,6 +169,8 @@ class Pair:
 
     def __exit__(self, *of: type[BaseException] | BaseException | TracebackType | None) -> None:
         self._watched.__exit__(*of)
+        if self._clock_file is not None:
+            self._clock_file.unlink(missing_ok=True)
         if self.deployment is not None and self.deployment.process.poll() is None:
             self.deployment.process.kill()
         if self.guardian is not None:
@@ -154,25 +186,26 @@ class Pair:
         """
         if not self.twin.wait_for(r"\] ready", START):
             raise SafeWbcError(f"the twin did not start:\n{self.twin.text}")
+        if self._clock_file is not None:
+            self._clock = SharedClock(self._clock_file)
         for line in orders:
             self.twin.tell(line)
-        place = ["--cpu", self._cores[1]] if self._cores else []
-        where = ["--domain", str(self._domain), "--interface", "lo"]
-        options = ["--yes", *where, *place, "--out", str(self._out), "--log-seconds", "150"]
+        core = ["--cpu", self._cores[1]] if self._cores else []
+        options = ["--yes", *self._where, *core, "--out", str(self._out), "--log-seconds", "150"]
         self.deployment = Child(["deploy", "g1", *options, *self._task])
 
     def order(self, line: str) -> None:
         """Tell the twin, or do something to a process, and note when."""
         child = self.deployment
         assert child is not None
-        self.orders.append((time.monotonic(), line))
+        self.orders.append((self._clock.now(), line))
         if line == "kill":
             child.process.kill()
         elif line == "stop":
             child.process.send_signal(signal.SIGSTOP)
         elif line == "slow":
             child.process.send_signal(signal.SIGSTOP)
-            time.sleep(SLOW)
+            self._clock.sleep(SLOW)
             child.process.send_signal(signal.SIGCONT)
         elif line in ("kill guardian", "kill both"):
             assert self.guardian is not None
@@ -201,8 +234,8 @@ class Pair:
 
     def wait(self, seconds: float) -> None:
         """Go on for a time [s]."""
-        end = time.monotonic() + seconds
-        self._until(lambda: time.monotonic() >= end, seconds + 1.0)
+        end = self._clock.now() + seconds
+        self._until(lambda: self._clock.now() >= end, seconds + 1.0)
 
     def _reached(self, stage: Stage) -> bool:
         child = self.deployment
@@ -210,9 +243,9 @@ class Pair:
         return child.said(rf"\] {stage.value}") or child.process.poll() is not None
 
     def _until(self, met: Callable[[], bool], timeout: float) -> bool:
-        end = time.monotonic() + timeout
+        end, latest = self._clock.now() + timeout, time.monotonic() + MUCH_SLOWER * timeout
         while not met():
-            if time.monotonic() > end:
+            if self._clock.now() > end or time.monotonic() > latest:
                 return False
             self._tend()
             time.sleep(0.02)
@@ -228,9 +261,9 @@ class Pair:
             self._lowered = True
             self.twin.tell("lower")
         if np.isnan(self._stopped_at) and child.said(rf"\] {Stage.STOPPING.value}"):
-            self._stopped_at = time.monotonic()
-        if np.isnan(self.raised_at) and time.monotonic() - self._stopped_at > RAISES:
-            self.raised_at = time.monotonic()
+            self._stopped_at = self._clock.now()
+        if np.isnan(self.raised_at) and self._clock.now() - self._stopped_at > RAISES:
+            self.raised_at = self._clock.now()
             self.twin.tell("raise")
 
     def finish(self) -> Performance:

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +19,7 @@ from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS
 from experiments.rehearsal.in_process import Rehearsal
 from experiments.rehearsal.judge import fault_figures, last_stage, task_figures
 from experiments.rehearsal.performance import Performance
-from experiments.rehearsal.processes import Pair
+from experiments.rehearsal.processes import Pair, Place
 from experiments.rehearsal.show import show_rows
 from experiments.rehearsal.tasks import RehearsedTask, TwinVariant, task_called, variants
 from experiments.running.deployment_tasks import build
@@ -104,8 +105,12 @@ def check(options: RehearseOptions) -> None:
     require_between("domain", options.domain, 1, 230)
     if options.in_process and {"before", "kills", "short"} & set(options.what):
         raise ConfigError("in_process", True, "left out with before, kills and short, which are about processes")
-    if options.jobs > 1 and not options.in_process:
-        raise ConfigError("jobs", options.jobs, "1 without --in-process: processes in real time need the machine")
+    if options.in_process and options.lockstep:
+        raise ConfigError("lockstep", True, "left out with --in-process, where nobody has to wait for anybody")
+    if options.jobs > 1 and not (options.in_process or options.lockstep):
+        raise ConfigError(
+            "jobs", options.jobs, "1 without --in-process or --lockstep: processes in real time need the machine"
+        )
     if not options.in_process and find_spec("cyclonedds") is None:
         raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
 
@@ -141,29 +146,39 @@ def _play(piece: Piece) -> tuple[str, dict[str, Any]]:
 def pieces(options: RehearseOptions, folder: Path) -> list[Piece]:
     """All rehearsals that the options ask for, in order."""
     found: list[Piece] = []
-    how = "in process" if options.in_process else "processes"
-    task = play_task_in_process if options.in_process else partial(play_task, options.domain)
-    fault = play_fault_in_process if options.in_process else partial(play_fault, options.domain)
+    places = _places(options)
+    how = "in process" if options.in_process else next(places).how
+
+    def task(name: str, twin: TwinVariant, into: Path) -> Callable[[], dict[str, Any]]:
+        if options.in_process:
+            return partial(play_task_in_process, task_called(name), twin, into)
+        return partial(play_task, next(places), task_called(name), twin, into)
+
+    def fault(during: str, case: FaultCase, into: Path) -> Callable[[], dict[str, Any]]:
+        if options.in_process:
+            return partial(play_fault_in_process, during, case, into)
+        return partial(play_fault, next(places), during, case, into)
+
     for what in options.what:
         for name in TASK_NAMES if what == "tasks" else [w for w in (what,) if w in TASK_NAMES]:
             for twin in variants(options.seeds):
                 key = f"{how}, {name}, seed {twin.seed}"
-                found.append(Piece(key, partial(task, task_called(name), twin, folder / key.replace(", ", "-"))))
+                found.append(Piece(key, task(name, twin, folder / key.replace(", ", "-"))))
         if what == "faults":
             cases = FAULT_CASES if options.in_process else FAULT_CASES + PROCESS_CASES
             for during in options.during:
                 for case in _chosen(cases, options.fault):
                     key = f"{how}, {during}, {case.name}"
-                    found.append(Piece(key, partial(fault, during, case, folder / _file_name(key))))
+                    found.append(Piece(key, fault(during, case, folder / _file_name(key))))
         if what == "before":
             for case in _chosen(BEFORE_CASES, options.fault):
                 key = f"before, {case.name}"
-                found.append(Piece(key, partial(play_before, options.domain, case, folder / _file_name(key))))
+                found.append(Piece(key, partial(play_before, next(places), case, folder / _file_name(key))))
         if what == "kills":
-            found += _kills(options, folder)
+            found += _kills(options.seeds, places, folder)
         if what == "short":
             case = next(case for case in FAULT_CASES if case.name == "remote: L2 + B")
-            found.append(Piece("short", partial(fault, "stand", case, folder / "short")))
+            found.append(Piece("short", fault("stand", case, folder / "short")))
     return found
 
 
@@ -178,26 +193,33 @@ def _file_name(key: str) -> str:
     return "".join(letter if letter.isalnum() else "-" for letter in key)
 
 
-def _kills(options: RehearseOptions, folder: Path) -> list[Piece]:
+def _places(options: RehearseOptions) -> Iterator[Place]:
+    """Where processes meet, rehearsal by rehearsal: those side by side have a domain each."""
+    domains = 231 - options.domain if options.jobs > 1 else 1
+    for number in count():
+        yield Place(options.domain + number % domains, options.lockstep)
+
+
+def _kills(seeds: int, places: Iterator[Place], folder: Path) -> list[Piece]:
     """At an instant drawn from each seed the controller is killed, and at another one stopped."""
     found = []
-    for seed in range(options.seeds):
+    for seed in range(seeds):
         rng = np.random.default_rng([seed, 77])
         for case in PROCESS_CASES[:2]:
             during = "walk" if rng.random() < 0.7 else "stand"
             after = float(rng.uniform(0.5, 9.0 if during == "walk" else 5.0))
             key = f"kills, {case.name}, seed {seed}"
-            play = partial(play_fault, options.domain, during, case, folder / _file_name(key), after=after)
+            play = partial(play_fault, next(places), during, case, folder / _file_name(key), after=after)
             found.append(Piece(key, play))
     return found
 
 
-def play_task(domain: int, task: RehearsedTask, twin: TwinVariant, folder: Path) -> dict[str, Any]:
+def play_task(place: Place, task: RehearsedTask, twin: TwinVariant, folder: Path) -> dict[str, Any]:
     """A task by processes."""
-    with Pair(folder, domain, twin.words(), task.words) as pair:
+    with Pair(folder, place, twin.words(), task.words) as pair:
         pair.begin()
         pair.run_to_the_end(TO_THE_TASK + task.scenario.duration + TO_THE_END)
-        return _task_row("processes", task, twin, pair.finish())
+        return _task_row(place.how, task, twin, pair.finish())
 
 
 def play_task_in_process(task: RehearsedTask, twin: TwinVariant, folder: Path) -> dict[str, Any]:
@@ -218,10 +240,10 @@ def _pause(performance: Performance) -> dict[str, float]:
     return {"longest_pause_s": longest_pause(performance.pauses, at - AROUND, at + AROUND)}
 
 
-def play_fault(domain: int, during: str, case: FaultCase, folder: Path, after: float | None = None) -> dict[str, Any]:
+def play_fault(place: Place, during: str, case: FaultCase, folder: Path, after: float | None = None) -> dict[str, Any]:
     """A fault, by processes, at ``after`` the task's begin; at the usual time if not given [s]."""
     task, wait = DURING[during], AFTER[during] if after is None else after
-    with Pair(folder, domain, case.twin, task.words) as pair:
+    with Pair(folder, place, case.twin, task.words) as pair:
         pair.begin()
         if pair.run_to(Stage.TASK, TO_THE_TASK):
             pair.wait(wait)
@@ -235,7 +257,7 @@ def play_fault(domain: int, during: str, case: FaultCase, folder: Path, after: f
             else:
                 pair.run_to_the_end(task.scenario.duration + TO_THE_END)
         performance = pair.finish()
-        return _fault_row("processes", task, case, performance, pair.raised_at)
+        return _fault_row(place.how, task, case, performance, pair.raised_at)
 
 
 def play_fault_in_process(during: str, case: FaultCase, folder: Path) -> dict[str, Any]:
@@ -262,19 +284,19 @@ def _fault_row(
     return head | fault_figures(case, performance, raised_at) | _pause(performance)
 
 
-def play_before(domain: int, case: FaultCase, folder: Path) -> dict[str, Any]:
+def play_before(place: Place, case: FaultCase, folder: Path) -> dict[str, Any]:
     """A fault that is there before the deployment begins: its motors must be told nothing."""
-    with Pair(folder, domain, (), DURING["stand"].words) as pair:
+    with Pair(folder, place, (), DURING["stand"].words) as pair:
         pair.begin(case.orders)
         pair.run_to_the_end(TO_THE_TASK)
         performance = pair.finish()
     assert pair.deployment is not None
-    refusal = pair.deployment.lines[-1][1] if pair.deployment.lines else ""
+    refusal = pair.deployment.lines[-1] if pair.deployment.lines else ""
     # a foreign writer's commands are counted too
     nothing = "foreign" in case.name or performance.figures.get("commands_received") == 0
     met = performance.exit_code == 2 and case.cause in refusal and nothing
     return {
-        "how": "processes",
+        "how": place.how,
         "during": "before the start",
         "fault": case.name,
         "expected": case.expected.value,

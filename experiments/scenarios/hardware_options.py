@@ -46,6 +46,8 @@ class TwinOptions:
     """Simulated time after which it ends; never if not given [s]."""
     cpu: int | None = None
     """Core to run on; any if not given."""
+    clock: Path | None = None
+    """Make a clock in this file, and wait for everybody who goes by it: a deployment with the same --clock."""
 
 
 @dataclass(frozen=True)
@@ -71,6 +73,8 @@ class DeployCommon:
     """What the ring of the log holds, about 1.7 MB a second [s]."""
     cpu: int | None = None
     """Core for the controller; any if not given."""
+    clock: Path | None = None
+    """Go by the clock of a twin that waits, by its file, instead of by this machine's; only on lo."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +97,9 @@ class RehearseOptions:
     0.9 of the model's in turn, and whose gyro's bias is constant or drifts. faults: every fault, while the robot does
     each task of --during. before: faults that are there before the start. kills: the controller killed, and stopped, at
     instants drawn from the seeds. Twin, controller and guardian are processes that talk over DDS on this machine, in
-    real time; with --in-process one process in simulated time, which shows neither deadlines nor the guardian.
+    real time. With --lockstep the same processes go by the twin's clock, which waits for them: what a machine that is
+    slow, or shared, cannot show in real time, but no deadlines. With --in-process one process in simulated time, which
+    shows neither deadlines nor the guardian.
     """
 
     robot: tyro.conf.Positional[Literal["g1"]]
@@ -113,8 +119,10 @@ class RehearseOptions:
     """Only with faults and before: those whose names hold one of these; all if not given."""
     in_process: bool = False
     """In one process and simulated time; tasks and faults of the twin only."""
+    lockstep: bool = False
+    """Processes by the twin's clock, which waits for them."""
     jobs: int = 1
-    """Only with --in-process: rehearsals side by side [-]."""
+    """Only with --in-process or --lockstep: rehearsals side by side [-]."""
     domain: int = 1
     """DDS domain, 1 to 230."""
     out: Path | None = None

@@ -4,6 +4,7 @@ import contextlib
 import time
 from typing import TYPE_CHECKING
 
+from robots.clocks import MACHINE, Clock
 from robots.errors import ConfigError
 from robots.unitree.layout import BATTERY, unpacked
 
@@ -21,9 +22,15 @@ WAITING = 64
 
 
 class G1Port:
-    """Topics of one robot; nothing is sent but by :meth:`send`."""
+    """Topics of one robot; nothing is sent but by :meth:`send`.
 
-    def __init__(self, network: "Network") -> None:
+    Attributes:
+        clock: that times are of.
+        sent: number of commands.
+    """
+
+    def __init__(self, network: "Network", clock: Clock = MACHINE) -> None:
+        self.clock = clock
         self._states, self._commands = network.reader("rt/lowstate", depth=WAITING), network.writer("rt/lowcmd")
         self._others = network.reader("rt/lowcmd", own=False, depth=WAITING)
         self._batteries = network.reader("rt/lf/bmsstate")
@@ -31,12 +38,12 @@ class G1Port:
         self.sent = 0
 
     def receive(self, until: float) -> list[tuple[bytes, float]]:
-        """States that have come, oldest first, each with the monotonic time at which it was taken [s].
+        """States that have come, oldest first, each with the time of the clock at which it was taken [s].
 
-        Waits for one until the monotonic time ``until`` [s]; empty where none has come.
+        Waits for one until the time ``until`` [s]; empty where none has come.
         """
         while True:
-            now = time.monotonic()
+            now = self.clock.now()
             if found := [(data, now) for data in self._states.take()]:
                 return found
             if now >= until:
@@ -54,7 +61,7 @@ class G1Port:
 
     def battery(self) -> float:
         """Charge as last heard [%]; NaN where nothing has been heard of it for ``HEARD`` seconds."""
-        newest, now = self._batteries.newest(), time.monotonic()
+        newest, now = self._batteries.newest(), self.clock.now()
         if newest is not None:
             with contextlib.suppress(ConfigError):
                 self._charge, self._charge_at = float(unpacked(newest, BATTERY)["soc"][0]), now

@@ -9,6 +9,7 @@ import time
 from typing import Any
 
 from robots.checks import require_one_of, require_positive
+from robots.clocks import MACHINE, Clock
 from robots.errors import SafeWbcError
 from robots.unitree.dds import Network
 from robots.unitree.idl import (
@@ -72,13 +73,15 @@ class SwitcherClient:
     Args:
         network: on which the robot is.
         timeout: until there is an answer, that of finding the service included [s].
+        clock: that ``timeout`` is told by.
 
     Raises:
         ConfigError: ``timeout`` is not positive.
     """
 
-    def __init__(self, network: Network, timeout: float = 2.0) -> None:
+    def __init__(self, network: Network, timeout: float = 2.0, clock: Clock = MACHINE) -> None:
         require_positive("timeout", timeout)
+        self._clock = clock
         self._requests, self._answers = network.writer(REQUESTS), network.reader(ANSWERS, depth=16)
         self._timeout, self._id = timeout, 0
 
@@ -111,14 +114,14 @@ class SwitcherClient:
 
     def _ask(self, asked: str, api: int, parameter: dict[str, Any]) -> str:
         """Send a request; returns the data of the answer with its id."""
-        end = time.monotonic() + self._timeout
+        end = self._clock.now() + self._timeout
         while not (self._requests.readers and self._answers.writers):
-            if time.monotonic() >= end:
+            if self._clock.now() >= end:
                 raise SwitcherError(asked, 3102)
             time.sleep(1e-3)
         self._id = max(self._id + 1, time.monotonic_ns())
         again = 0.0
-        while (now := time.monotonic()) < end:
+        while (now := self._clock.now()) < end:
             if now >= again:
                 # whether the service has found our reader yet cannot be seen from here: an answer may be lost
                 self._requests.send(request(self._id, api, json.dumps(parameter)))

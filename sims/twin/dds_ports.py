@@ -30,16 +30,32 @@ class DdsPorts:
         self._state = self.network.writer("rt/lowstate")
         self._torso_imu = self.network.writer("rt/secondary_imu")
         self._battery = self.network.writer("rt/lf/bmsstate")
+        self._waiting: list[bytes] = []
+        self._come, self._owes = 0, False
         self._own: Writer | None = None
         self._foreign: Writer | None = None
 
     def commands(self) -> Iterable[bytes]:
         """See :class:`sims.twin.ports.Ports`."""
-        return self._commands.take()
+        self._look()
+        taken, self._waiting = self._waiting, []
+        return taken
+
+    def debt(self) -> tuple[int, bool]:
+        """How many commands have come, and whether a state has gone out since the last of them."""
+        self._look()
+        return self._come, self._owes
+
+    def _look(self) -> None:
+        come = list(self._commands.take())
+        self._waiting += come
+        self._come += len(come)
+        self._owes = self._owes and not come
 
     def send_state(self, data: bytes) -> None:
         """See :class:`sims.twin.ports.Ports`."""
         self._state.send(data)
+        self._owes = True
 
     def send_torso_imu(self, data: bytes) -> None:
         """See :class:`sims.twin.ports.Ports`."""

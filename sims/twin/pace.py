@@ -74,3 +74,11 @@ class Pace:
     def passed(self) -> float:
         """Time since the begin [s]."""
         return self.now() - self.start
+
+    def told(self, simulated: float) -> list[str]:
+        """For a person, with the simulated time [s]."""
+        return [
+            f"real time: factor {simulated / self.passed:.4f}, {simulated:.3f} s simulated, "
+            f"{1e3 * self.dropped:.1f} ms dropped",
+            f"periods: {self.periods}, {self.late} late by more than 0.5 ms, worst {1e3 * self.worst:.2f} ms",
+        ]

@@ -322,9 +322,10 @@ def test_periods_go_on_at_their_pace_where_no_state_comes(played: Played) -> Non
 
 def test_periods_without_a_state_are_no_late_ones() -> None:
     timing = Timing()
-    assert timing.count(3e-3, 0.0, True) and not timing.count(3e-3, 0.0, False) and timing.count(3e-3, 0.0, True)
+    found = [timing.count(1e-3, 3e-3, 0.0, fresh) for fresh in (True, False, True)]
+    assert found == [True, False, True]
     assert (timing.late, timing.late_pairs, timing.without, timing.late_in_a_row) == (2, 0, 1, 1)
-    timing.count(3e-3, 0.0, True)
+    timing.count(1e-3, 3e-3, 0.0, True)
     assert (timing.late, timing.late_pairs, timing.late_in_a_row) == (3, 1, 2)
-    assert not timing.count(1e-3, 0.0, True) and timing.late_in_a_row == 0
+    assert not timing.count(3e-3, 1e-3, 0.0, True) and timing.late_in_a_row == 0
     assert np.isfinite(timing.work).all()

@@ -14,6 +14,7 @@ from controllers.deployment.preparation import (
     release,
     require_met,
 )
+from robots.clocks import MACHINE
 from robots.unitree.stream import StateStream
 from robots.unitree.switcher import SwitcherError
 from tests.support.fake_g1 import PERIOD, FakeG1
@@ -25,7 +26,7 @@ class Port:
     """States at once, as long as there are any; commands of others."""
 
     def __init__(self, robot: FakeG1, states: int = 10_000, broken: bool = False) -> None:
-        self.robot, self._left, self._broken, self.others = robot, states, broken, 0
+        self.robot, self._left, self._broken, self.others, self.clock = robot, states, broken, 0, MACHINE
 
     def receive(self, until: float) -> list[tuple[bytes, float]]:
         if self._left == 0:

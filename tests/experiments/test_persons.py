@@ -8,6 +8,7 @@ import pytest
 
 from controllers.deployment.stages import Stage
 from experiments.cli.persons import DWELL, STANDS, Keyboard
+from robots.clocks import MACHINE
 from tests.support.fake_g1 import FakeG1
 
 
@@ -94,7 +95,7 @@ class Port:
     """States of a robot without physics."""
 
     def __init__(self, robot: FakeG1) -> None:
-        self.robot = robot
+        self.robot, self.clock = robot, MACHINE
         self.presses: dict[int, frozenset[str]] = {}
 
     def receive(self, until: float) -> list[tuple[bytes, float]]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from controllers.deployment.deployment import Deployment
+from controllers.deployment.deployment import SEEN, Deployment
 from controllers.deployment.protection import Surroundings
 from controllers.deployment.rest import RestWatch
 from controllers.deployment.stages import Stage
@@ -178,6 +178,7 @@ def test_twins_take_masses_and_drifts_in_turn() -> None:
         (RehearseOptions("g1", ()), "what"),
         (RehearseOptions("g1", ("stand",), seeds=0), "seeds"),
         (RehearseOptions("g1", ("stand",), jobs=2), "jobs"),
+        (RehearseOptions("g1", ("stand",), in_process=True, lockstep=True), "lockstep"),
         (RehearseOptions("g1", ("stand",), domain=0), "domain"),
         (RehearseOptions("g1", ("kills",), in_process=True), "in_process"),
     ],
@@ -268,6 +269,11 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     deployment_agent.hold("a person asks for it")
     rehearsal.run_for(0.01)
     assert is_at(deployment, Stage.STOPPING)
+    # nor does one that was meant for the stage before
+    rehearsal.go = True
+    rehearsal.run_for(0.01)
+    assert not any("raise the hoist" in text for _, text in rehearsal.said)
+    rehearsal.run_for(SEEN)
     rehearsal.go = True
     rehearsal.run_for(0.01)
     assert is_at(deployment, Stage.STOPPING) and any("raise the hoist" in text for _, text in rehearsal.said)

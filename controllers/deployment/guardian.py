@@ -48,7 +48,7 @@ def guard(
         patience: silence of the controller after which it takes over [s].
         clock: of the deployment.
     """
-    from robots.unitree.dds import Network  # noqa: PLC0415 - its threads inherit the scheduling that is set before
+    from robots.unitree.dds import Network  # noqa: PLC0415 - its threads inherit the scheduling that was set before
 
     ended: list[bool] = []
     parent = os.getppid()
@@ -56,8 +56,6 @@ def guard(
     for number in (signal.SIGINT, signal.SIGHUP, signal.SIGTSTP):
         # what a person does at the terminal goes to every process; the controller decides
         signal.signal(number, signal.SIG_IGN)
-    anywhere()
-    schedule(GUARDIAN_PRIORITY)
     heart = Heartbeat(path)
     network = Network(domain, interface)
     states, commands = network.reader("rt/lowstate"), network.writer("rt/lowcmd")
@@ -100,7 +98,12 @@ def main(arguments: list[str]) -> None:
     """Arguments: file of the heartbeat, domain, interface, robot, patience; a simulation's clock, if it goes by one."""
     path, domain, interface, robot, patience, *clock = arguments
     np.seterr(all="ignore")
-    goes_by = SharedClock(Path(clock[0]), "guardian") if clock else MACHINE
+    goes_by: Clock = MACHINE
+    anywhere()
+    if clock:
+        goes_by = SharedClock(Path(clock[0]), "guardian")
+    else:
+        schedule(GUARDIAN_PRIORITY)
     guard(Path(path), int(domain), interface, load_robot(robot), float(patience), goes_by)
 
 

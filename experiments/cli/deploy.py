@@ -108,7 +108,8 @@ class Session:
             # a terminal that is closed is a wish to stop, not a reason to drop the robot
             signal.signal(number, lambda *_: self._person.interrupt())
         signal.signal(signal.SIGTSTP, signal.SIG_IGN)
-        say(schedule(CONTROLLER_PRIORITY) + ", " + pin(common.cpu))
+        priority = "ordinary priority" if common.clock else schedule(CONTROLLER_PRIORITY)
+        say(priority + ", " + pin(common.cpu))
         say("remote: " + "; ".join(f"{b}: {text}" for b, text in BUTTONS))
         say("keyboard, each with Enter: " + "; ".join(f"{k}: {text}" for k, text in KEYS))
 

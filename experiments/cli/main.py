@@ -23,6 +23,7 @@ from experiments.studies.pivot import PivotOptions
 from experiments.studies.study_options import (
     BenchmarkOptions,
     CorridorOptions,
+    EpsilonOptions,
     LocomotionTableOptions,
     PushSearchOptions,
     RandomWalksOptions,
@@ -72,6 +73,22 @@ STUDIES = (
     Annotated[LocomotionTableOptions, tyro.conf.subcommand("locomotion-table")],
 )
 """Sets of runs that are made together."""
+
+
+SUITES = (
+    Annotated[BenchmarkOptions, tyro.conf.subcommand("spark", default=BenchmarkOptions("spark"))],
+    Annotated[BenchmarkOptions, tyro.conf.subcommand("p-ssa", default=BenchmarkOptions("p-ssa"))],
+    Annotated[EpsilonOptions, tyro.conf.subcommand("issf")],
+)
+"""Benchmarks, by paper."""
+
+
+@dataclass(frozen=True)
+class Benchmark:
+    """Test cases and studies of the papers, with the papers' scores and figures beside ours."""
+
+    experiment: Annotated[Union[SUITES], tyro.conf.arg(name="")]  # type: ignore[valid-type]  # noqa: UP007
+    """Which one."""
 
 
 DEPLOYED = ("stand", "taichi", "walk", "hand-tracking")
@@ -125,7 +142,7 @@ def command_line(own: str | None = None) -> Any:
         | Annotated[sweep_command(own), tyro.conf.subcommand("sweep")]
         | Annotated[PivotOptions, tyro.conf.subcommand("pivot")]
         | Annotated[BenchOptions, tyro.conf.subcommand("bench")]
-        | Annotated[BenchmarkOptions, tyro.conf.subcommand("benchmark")]
+        | Annotated[Benchmark, tyro.conf.subcommand("benchmark")]
         | Annotated[TuneOptions, tyro.conf.subcommand("tune")]
         | Annotated[TableOptions, tyro.conf.subcommand("table")]
         | Annotated[ReplayOptions, tyro.conf.subcommand("replay")]
@@ -163,6 +180,7 @@ COMMANDS: dict[type, str] = {
     BenchmarkOptions: "studies.benchmark:benchmark",
     CorridorOptions: "studies.corridor:corridor",
     DemoOptions: "cli.demo:demo",
+    EpsilonOptions: "studies.epsilon:epsilon_study",
     LocomotionTableOptions: "studies.locomotion_table:locomotion_table",
     PivotOptions: "studies.pivot:show_pivot",
     PushSearchOptions: "studies.pushes:pushes",

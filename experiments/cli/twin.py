@@ -50,7 +50,7 @@ def twin(options: TwinOptions) -> int:
         raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
     robot = load_robot(options.robot)
     rehearse(Twin(robot, config, ports := MemoryPorts(), ports))
-    scheduled = schedule(options.cpu)
+    scheduled = schedule(options.cpu, options.clock is None)
 
     from robots.unitree.switcher import SwitcherService
     from sims.twin.dds_ports import DdsPorts
@@ -98,11 +98,18 @@ def rehearse(played: Twin) -> None:
         played.step(played.time)
 
 
-def schedule(cpu: int | None) -> str:
-    """Choose core and priority, before there is a participant whose threads inherit them; returns what came of it."""
+def schedule(cpu: int | None, first: bool) -> str:
+    """Choose core and priority, before there is a participant whose threads inherit them; returns what came of it.
+
+    Args:
+        cpu: core; any if not given.
+        first: whether it comes before others, as what keeps real time has to.
+    """
     if cpu is not None:
         os.sched_setaffinity(0, {cpu})
     where = "any core" if cpu is None else f"core {cpu}"
+    if not first:
+        return f"ordinary priority, {where}"
     try:
         os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     except (OSError, AttributeError):

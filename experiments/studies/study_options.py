@@ -175,7 +175,7 @@ class BenchmarkOptions:
     other. A scene follows from its seed as SPARK draws it.
     """
 
-    suite: tyro.conf.Positional[Literal["spark", "p-ssa"]] = "spark"
+    suite: tyro.conf.Suppress[str] = "spark"
     """spark: tables 2 and 3 of its paper; p-ssa: figures 5 and 6 of its paper."""
     size: Literal["smoke", "paper"] = "smoke"
     """smoke: some minutes on two cores; paper: as many seeds and steps as the paper has."""
@@ -198,4 +198,31 @@ class BenchmarkOptions:
     """What filters are told of the obstacles' velocity: none, as in SPARK's first order, or true."""
     case_file: Path | None = None
     """File of cases of one's own, as experiments/data/benchmark_cases.toml."""
+    work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)
+
+
+@dataclass(frozen=True)
+class EpsilonOptions:
+    """CBF, eCBF and ISSf-CBF over alpha and epsilon at full dynamics: section 5.2.2 of Lee et al.
+
+    Hand circles through the torso by a robot that is heavier than its model, whose joints have no dry friction, half of
+    theirs, or all of it, and at several control rates.
+    """
+
+    size: Literal["smoke", "paper"] = "smoke"
+    """smoke: a few values, 5 s each; paper: all of the paper's, smaller epsilons, 12 s each."""
+    robots: tuple[str, ...] = ("tocabi", "g1")
+    """Robots: g1, tocabi, or paths of .toml descriptions with [tuning.hand_tracking]."""
+    alphas: tuple[float, ...] = ()
+    """Slopes; by the size if not given [1/s]."""
+    epsilons: tuple[float, ...] = ()
+    """ISSf parameters; by the size if not given [m s/rad^2]."""
+    friction: tuple[float, ...] = ()
+    """Factors on the joints' dry and viscous friction; by the size if not given [-]."""
+    rates: tuple[float, ...] = ()
+    """Control rates; all but the first one with the last friction only; by the size if not given [Hz]."""
+    mass_scale: float = 1.2
+    """Factor on every mass of the simulated robot [-]."""
+    duration: float | None = None
+    """Simulated time of each run; by the size if not given [s]."""
     work: Annotated[WorkOptions, tyro.conf.arg(name="")] = field(default_factory=WorkOptions)

@@ -5,10 +5,13 @@ import time
 from collections.abc import Callable
 
 from robots.clocks import AFTER, ROLES, SharedClock
-from sims.twin.pace import SHORT, Pace
+from sims.twin.pace import Pace
 
 GIVES_UP = 0.5
 """Who does not move for so long is not waited for until they do again, in real time [s]."""
+
+NAP = 1e-4
+"""Pause between two looks for those who are late, in real time [s]."""
 
 DEPLOYMENT = ROLES[0]
 
@@ -56,7 +59,7 @@ class Lockstep:
             if self._real() - began > GIVES_UP:
                 self._give_up(late)
                 break
-            self._sleep(SHORT)
+            self._sleep(NAP)
         if not any(map(self._is_there, ROLES)):
             self._pace.wait()
         self.periods += 1

@@ -1,6 +1,6 @@
-"""One episode of a benchmark's case on an integrator: the closed loop, what is kept of it, and its scores.
+"""One episode of a benchmark's case: the closed loop on one of its plants, what is kept of it, and its scores.
 
-The integrator is of first order, velocities in, or of second order, accelerations in, as the case says. For the second
+Commands are of first order, velocities in, or of second order, accelerations in, as the case says. For the second
 the index is SPARK's of first power with a gain of 1 s: h less its margin, plus its rate.
 """
 
@@ -32,10 +32,12 @@ from robots.checks import require_between, require_one_of
 from robots.description import RobotDescription
 from robots.errors import ConfigError
 from robots.messages import Array, RobotState
+from robots.mujoco_spec import PhysicalChanges
 from safety.barriers.barrier_set import BarrierSet, CollisionBodies, ObstacleBarrier, SelfCollisionBarrier
 from safety.filters.conditions import BarrierParameters, FamilyParameters
 from safety.filters.safety_filter import KINDS, FilterSettings, FilterStatus, SafetyFilter
 from safety.geometry.shapes import Obstacle
+from sims.held_plant import HeldConfig, HeldPlant
 from sims.kinematic import KinematicPlant
 
 DT = 0.01
@@ -55,6 +57,14 @@ FILTERS = ("none", *(n for n in KINDS if n != "none"), *(n + NAIVE for n in HARD
 
 KNOWN_VELOCITIES = ("none", "true")
 """What filters are told of the velocity of obstacles: nothing, as in SPARK's first order, or what it is."""
+
+PLANTS: dict[str, HeldConfig | None] = {
+    "integrator": None,
+    "torque": HeldConfig(),
+    "torque-heavy": HeldConfig(changes=PhysicalChanges(mass_scale=1.2)),
+}
+"""What commands move: an integrator, which does what it is told; or motors, by torques, with the joints' friction, on a
+base that is held or driven, by the model's masses or 20 % heavier."""
 
 HAND_SCALE, BASE_SCALE = 0.002, 0.05
 """Of the squared distances in the scores of hands and base, in SPARK's code [m^2]."""
@@ -123,11 +133,15 @@ class Episode:
         seed: of the scene.
         series: as above.
         goals_reached: how often all goals were.
+        saturated: share of physics steps with a motor at its limit; 0 on an integrator.
+        unstable: whether the simulation blew up.
     """
 
     seed: int
     series: Mapping[str, Array]
     goals_reached: int
+    saturated: float = 0.0
+    unstable: bool = False
 
 
 class BenchmarkEpisode(Observer):
@@ -138,15 +152,19 @@ class BenchmarkEpisode(Observer):
         name: one of ``FILTERS``.
         seed: of the scene.
         velocity: one of ``KNOWN_VELOCITIES``.
+        plant: one of ``PLANTS``.
 
     Raises:
         ConfigError: no such filter, one of another order than the case's, or no such word.
         CrowdedError: the scene cannot be drawn.
     """
 
-    def __init__(self, rig: BenchmarkRig, name: str, seed: int, velocity: str = "none") -> None:
+    def __init__(
+        self, rig: BenchmarkRig, name: str, seed: int, velocity: str = "none", plant: str = "integrator"
+    ) -> None:
         require_one_of("filter", name, FILTERS)
         require_one_of("velocity", velocity, KNOWN_VELOCITIES)
+        require_one_of("plant", plant, tuple(PLANTS))
         self._rig, self._tells = rig, velocity == "true"
         case, scene = rig.case, rig.scene(seed)
         self.scene, self.motion = scene, motion_of(case.obstacles, scene, DT)
@@ -172,7 +190,8 @@ class BenchmarkEpisode(Observer):
             ),
         )
         self.agent = KinematicAgent(kin, self.policy, self.barriers, self.filter, DT, self)
-        self.plant = KinematicPlant(kin, q0, case.order)
+        held = PLANTS[plant]
+        self.plant = KinematicPlant(kin, q0, case.order) if held is None else HeldPlant(kin, q0, case.order, held)
         self._kin, self._chosen = kin, [HANDS.index(hand) for hand in self._hands]
         self._ticks: list[tuple[Any, ...]] = []
         self.goals_reached, self._ends = 0, False
@@ -245,7 +264,15 @@ class BenchmarkEpisode(Observer):
         ClosedLoop(self.plant, self.agent, observers=[self]).run(steps * DT)
         names = ("hands", "base", "h_obstacle", "h_self_collision", "violation", "status", "filter_ms")
         series = {name: np.array(column) for name, column in zip(names, zip(*self._ticks, strict=True), strict=True)}
-        return Episode(self.scene.seed, series, self.goals_reached)
+        held = self.plant if isinstance(self.plant, HeldPlant) else None
+        steps_taken = 1 if held is None else round(held.time / held.config.dt)
+        return Episode(
+            self.scene.seed,
+            series,
+            self.goals_reached,
+            0.0 if held is None else held.saturated / steps_taken,
+            held is not None and held.unstable,
+        )
 
 
 def parameters_of(case: BenchmarkCase) -> BarrierParameters:
@@ -294,11 +321,15 @@ def scores(case: BenchmarkCase, episode: Episode) -> dict[str, float | int | boo
         "success_paper": at_goal and not bool(touched.any()),
         "success": episode.goals_reached > 0 and not bool(touched.any()),
         "goals_reached": episode.goals_reached,
+        "saturated": episode.saturated,
+        "unstable": episode.unstable,
         "steps_in_margin": float(violated.mean()),
         "steps_in_collision": float(touched.mean()),
         "min_h_obstacle_m": float(h.min()) if h.size else None,
         "min_h_self_collision_m": float(own.min()),
         "starts_in_margin": bool(violated[0]),
+        "free": not bool(touched[0]),
+        "still": case.obstacles.motion == "still",
         "passed_unsafe": int(np.count_nonzero(s["status"] == FilterStatus.UNSAFE)),
         "filter_ms_median": float(np.median(s["filter_ms"])),
     }

@@ -8,8 +8,17 @@ from importlib import resources
 from typing import Any
 
 from experiments.metrics.metric import Metric
-from experiments.running.benchmark_loop import FILTERS, KNOWN_VELOCITIES, BenchmarkEpisode, BenchmarkRig, rig_of, scores
+from experiments.running.benchmark_loop import (
+    FILTERS,
+    KNOWN_VELOCITIES,
+    PLANTS,
+    BenchmarkEpisode,
+    BenchmarkRig,
+    rig_of,
+    scores,
+)
 from experiments.scenarios.benchmark_case import load_cases
+from experiments.studies.benchmark_plants import show_plants
 from experiments.studies.case import Case, content_key
 from experiments.studies.command import command_line, study_folder
 from experiments.studies.sections import Entries, Section, print_sections
@@ -17,6 +26,7 @@ from experiments.studies.statistics import spread
 from experiments.studies.store import RowStore
 from experiments.studies.study_options import BenchmarkOptions
 from robots.checks import require_between, require_one_of
+from robots.errors import ConfigError
 
 SUITES: dict[str, tuple[str, ...]] = {
     "spark": ("none", "ssa", "ssa-naive", "rssa", "pssa", "sss", "sss-naive", "cbf", "cbf-naive", "issf", "pfm", "sma"),
@@ -76,17 +86,23 @@ def benchmark(options: BenchmarkOptions) -> int:
     folder = study_folder(options.work.out, f"benchmark-{options.suite}")
     sections = [
         Section(
-            title_of(rig, options),
-            benchmark_cases(options, rig),
+            title_of(rig, options, plant),
+            benchmark_cases(options, rig, plant),
             COLUMNS[options.suite],
             told,
             partial(summed, papers().get(rig.case.name, {})),
         )
+        for plant in options.plants
         for rig in rigs
     ]
     # the suite is a word of its own there
     command = command_line(f"benchmark {options.suite}", replace(options, suite="spark"), folder)
-    return print_sections(sections, f"benchmark {options.suite}", "g1", options.work, folder, command)
+    code = print_sections(sections, f"benchmark {options.suite}", "g1", options.work, folder, command)
+    if len(options.plants) > 1:
+        store = RowStore(folder)
+        rows = [store.read(case) for section in sections for case in section.cases if store.is_done(case)]
+        show_plants([row.entries() for row in rows if row.error is None], folder)
+    return code
 
 
 def check_benchmark(options: BenchmarkOptions) -> list[BenchmarkRig]:
@@ -99,6 +115,10 @@ def check_benchmark(options: BenchmarkOptions) -> list[BenchmarkRig]:
     require_between("jobs", options.work.jobs, 1, 64)
     for name in filters_of(options):
         require_one_of("filters", name, FILTERS)
+    for name in options.plants:
+        require_one_of("plants", name, tuple(PLANTS))
+    if len(set(options.plants)) != len(options.plants) or not options.plants:
+        raise ConfigError("plants", " ".join(options.plants), "one at least, each of them once")
     for name in ("seeds", "steps"):
         if (given := getattr(options, name)) is not None:
             require_between(name, given, 1, 100_000)
@@ -126,23 +146,25 @@ def size_of(options: BenchmarkOptions) -> tuple[int, int]:
     return options.seeds or seeds, options.steps or steps
 
 
-def title_of(rig: BenchmarkRig, options: BenchmarkOptions) -> str:
+def title_of(rig: BenchmarkRig, options: BenchmarkOptions, plant: str = "integrator") -> str:
     """Of a case's table."""
     seeds, steps = size_of(options)
-    return f"{rig.case.name}: {rig.number} obstacles, {seeds} seeds, {steps} steps at most"
+    where = "" if plant == "integrator" else f", {plant}"
+    return f"{rig.case.name}{where}: {rig.number} obstacles, {seeds} seeds, {steps} steps at most"
 
 
-def benchmark_cases(options: BenchmarkOptions, rig: BenchmarkRig) -> list[Case]:
-    """An evaluation for each filter and seed of a case."""
+def benchmark_cases(options: BenchmarkOptions, rig: BenchmarkRig, plant: str = "integrator") -> list[Case]:
+    """An evaluation for each filter and seed of a case on a plant."""
     seeds, steps = size_of(options)
     digest = None if options.case_file is None else options.case_file.read_text(encoding="utf-8")
     found = []
     for name in filters_of(options):
         for seed in range(options.first_seed, options.first_seed + seeds):
-            labels = {"case": rig.case.name, "filter": name, "seed": seed}
+            labels = {"case": rig.case.name, "filter": name, "seed": seed, "plant": plant}
             content = {**labels, "steps": steps, "number": rig.number, "velocity": options.velocity, "file": digest}
-            play = partial(evaluate, options.case_file, rig.case.name, options.counts, name, seed, steps)
-            found.append(Case(content_key("benchmark", content), labels, partial(_in_store, play, options.velocity)))
+            how = {"velocity": options.velocity, "plant": plant}
+            play = partial(evaluate, options.case_file, rig.case.name, options.counts, name, seed, steps, **how)
+            found.append(Case(content_key("benchmark", content), labels, partial(_in_store, play)))
     return found
 
 
@@ -151,16 +173,23 @@ def _rig(path: Any, name: str, counts: str) -> BenchmarkRig:
     return rig_of(load_cases(path), name, counts)
 
 
-def _in_store(play: Callable[[str], dict[str, Any]], velocity: str, store: RowStore) -> dict[str, Any]:
-    return play(velocity)
+def _in_store(play: Callable[[], dict[str, Any]], store: RowStore) -> dict[str, Any]:
+    return play()
 
 
 def evaluate(
-    path: Any, case: str, counts: str, name: str, seed: int, steps: int, velocity: str = "none"
+    path: Any,
+    case: str,
+    counts: str,
+    name: str,
+    seed: int,
+    steps: int,
+    velocity: str = "none",
+    plant: str = "integrator",
 ) -> dict[str, Any]:
     """Scores of one episode; see :func:`experiments.running.benchmark_loop.scores`."""
     rig = _rig(path, case, counts)
-    return scores(rig.case, BenchmarkEpisode(rig, name, seed, velocity).run(steps))
+    return scores(rig.case, BenchmarkEpisode(rig, name, seed, velocity, plant).run(steps))
 
 
 @cache

@@ -172,7 +172,7 @@ class BenchmarkOptions:
     """Test cases of the papers, every filter on the same scenes, with the papers' scores and figures beside them.
 
     The robot is an integrator at 100 Hz, as in both papers: it does what the filter says, and bodies pass through each
-    other. A scene follows from its seed as SPARK draws it.
+    other; or it is moved by torques (--plants). A scene follows from its seed as SPARK draws it.
     """
 
     suite: tyro.conf.Suppress[str] = "spark"
@@ -194,6 +194,10 @@ class BenchmarkOptions:
     """Of an episode at most; by the size if not given [-]."""
     counts: Literal["code", "paper"] = "code"
     """Numbers of obstacles: those of SPARK's code, or those of its paper's table 9."""
+    plants: tuple[str, ...] = ("integrator",)
+    """What commands move: integrator, as in the papers; torque: motors at torque level on a base that is held or
+    driven, with friction in the joints; torque-heavy: the same, 20 % heavier than the controller knows. Of several a
+    last table and a plot say what each filter keeps of what it does on an integrator."""
     velocity: str = "none"
     """What filters are told of the obstacles' velocity: none, as in SPARK's first order, or true."""
     case_file: Path | None = None

@@ -51,13 +51,13 @@ def test_with_nothing_in_the_way_hands_and_base_come_to_their_goals(name: str) -
 def test_the_commands_keep_the_benchmarks_bounds() -> None:
     episode = BenchmarkEpisode(FIXED, "cbf", 1)
     speeds: list[Array] = []
-    step = episode.plant.step
+    send = episode.plant.send
 
-    def watched(command: Array, dt: float) -> None:
+    def watched(command: Array) -> None:
         speeds.append(np.abs(command))
-        step(command, dt)
+        send(command)
 
-    episode.plant.step = watched
+    episode.plant.send = watched
     episode.run(60)
     fastest = np.max(speeds, axis=0)
     assert (fastest[:3] <= 0.1 + 1e-9).all() and (fastest[3:] <= 1.5 + 1e-9).all() and fastest.max() > 0.2
@@ -95,7 +95,7 @@ def test_goals_ride_with_the_base() -> None:
     episode = BenchmarkEpisode(rig, "none", 5)
     goals = episode.policy.hand_goals.copy()
     done = episode.run(2000)
-    assert np.linalg.norm(episode.plant.q[:2]) > 0.2
+    assert np.linalg.norm(episode.plant.state().q[:2]) > 0.2
     np.testing.assert_array_equal(episode.policy.hand_goals, goals)
     assert (done.series["hands"][-1] < 0.05).all()
 
@@ -149,7 +149,7 @@ SECOND = rig_of(BOOK, "G1FixedBase_D2_AG_SO_v0")
 def test_by_accelerations_hands_come_to_their_goals_and_keep_the_bounds() -> None:
     episode = BenchmarkEpisode(without_obstacles(SECOND), "none", 3)
     done = episode.run(2000)
-    assert done.goals_reached == 1 and np.abs(episode.plant.v).max() > 0.0
+    assert done.goals_reached == 1 and np.abs(episode.plant.state().v).max() > 0.0
     assert done.series["hands"][-1].max() <= 0.05
 
 

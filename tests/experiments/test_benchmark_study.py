@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from experiments.reports.plots.plants import Bars, plants_plot
 from experiments.studies.benchmark import (
     SUITES,
     benchmark,
@@ -16,6 +17,7 @@ from experiments.studies.benchmark import (
     summed,
     told,
 )
+from experiments.studies.benchmark_plants import by_plant
 from experiments.studies.study_options import BenchmarkOptions
 from experiments.studies.work import WorkOptions
 from robots.errors import ConfigError, UnknownNameError
@@ -122,3 +124,35 @@ def test_what_is_not_allowed_is_named(changes: dict[str, Any], message: str) -> 
         check_benchmark(replace(OPTIONS, **changes))
     with pytest.raises(UnknownNameError, match="G2"):
         check_benchmark(replace(OPTIONS, cases=("G2",)))
+
+
+def test_plants_are_compared_over_scenes_that_can_be_kept_free() -> None:
+    rows = [
+        {**row(plant=plant, still=still, free=free), "steps_in_collision": hit, "min_h_obstacle_m": -hit}
+        for plant, still, free, hit in (
+            ("integrator", True, True, 0.0),
+            ("torque", True, True, 0.01),
+            ("torque", False, True, 0.5),
+            ("torque", True, False, 0.6),
+        )
+    ]
+    (line,) = by_plant(rows)
+    assert line["episodes"] == 1 and line["hit integrator"] == 0.0 and line["hit torque"] == 1.0
+    assert line["least torque"] == -0.01 and line["success integrator"] == 1.0
+    assert plants_plot([Bars("ssa", {"torque": 1.0}, {"torque": -0.01})], ["torque"]).startswith(b"\x89PNG")
+
+
+def test_an_episode_by_torques_is_as_it_is_on_an_integrator_but_for_what_motors_do() -> None:
+    ideal, driven = (
+        evaluate(None, "G1FixedBase_D1_AG_SO_v0", "code", "ssa", 1, 30, plant=plant)
+        for plant in ("integrator", "torque")
+    )
+    assert driven["steps"] == ideal["steps"] and not driven["unstable"]
+    assert driven["starts_in_margin"] == ideal["starts_in_margin"] and driven["free"] and driven["still"]
+    assert 0.0 < abs(driven["J_arm"] - ideal["J_arm"]) < 0.2
+
+
+@pytest.mark.parametrize("plants", [("wheels",), (), ("torque", "torque")])
+def test_plants_are_known_and_there_once(plants: tuple[str, ...]) -> None:
+    with pytest.raises(ConfigError, match="plants"):
+        check_benchmark(replace(OPTIONS, plants=plants))

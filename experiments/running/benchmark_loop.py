@@ -195,6 +195,8 @@ class BenchmarkEpisode(Observer):
         self._kin, self._chosen = kin, [HANDS.index(hand) for hand in self._hands]
         self._ticks: list[tuple[Any, ...]] = []
         self.goals_reached, self._ends = 0, False
+        self._told = np.full((rig.number, 6), np.nan)
+        self._spheres = [Obstacle.sphere(np.zeros(3), 1.0)] * rig.number
         self.move_goals(0.0)
 
     # -- what the agent knows
@@ -206,12 +208,13 @@ class BenchmarkEpisode(Observer):
 
     def obstacles(self, t: float) -> Sequence[Obstacle]:
         """See :meth:`controllers.policies.kinematic_agent.Surroundings.obstacles`."""
-        radius = self._rig.case.obstacles.radius
-        velocities = self.motion.velocities if self._tells else np.zeros_like(self.motion.positions)
-        return [
-            Obstacle.sphere(position, radius, velocity)
-            for position, velocity in zip(self.motion.positions, velocities, strict=True)
-        ]
+        radius, motion = self._rig.case.obstacles.radius, self.motion
+        now = np.hstack([motion.positions, motion.velocities if self._tells else np.zeros_like(motion.positions)])
+        # one that is as it was is not made anew: most of the time of a step would go there
+        for i in np.flatnonzero((now != self._told).any(axis=1)):
+            self._spheres[i] = Obstacle.sphere(now[i, :3], radius, now[i, 3:])
+        self._told = now
+        return self._spheres
 
     # -- what is kept
 

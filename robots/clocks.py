@@ -1,5 +1,6 @@
 """Clocks that programs go by: that of this machine, or a simulation's, which waits for everybody who goes by it."""
 
+import math
 import mmap
 import time
 from pathlib import Path
@@ -7,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robots.errors import ConfigError
+from robots.errors import ConfigError, SafeWbcError
 
 ROLES = ("deployment", "guardian")
 """Who may go by a simulation's clock, and is waited for."""
@@ -18,7 +19,14 @@ LOOK = 1e-4
 AFTER = 3600.0
 """What passes on a simulation's clock when it ends: whoever waits for something has waited long enough [s]."""
 
+STANDS_STILL = 60.0
+"""In real time, after which a simulation's clock that has not moved is one that nobody moves any more [s]."""
+
 SIZE = 8 * (1 + len(ROLES))
+
+
+class StoppedClockError(SafeWbcError):
+    """A simulation's clock is moved no more."""
 
 
 class Clock(Protocol):
@@ -77,6 +85,7 @@ class SharedClock:
             raise ConfigError("clock", path, "the file of a clock, as twin --clock makes it") from None
         self._values = np.frombuffer(self._memory, dtype=np.float64)
         self._slot = None if role is None else 1 + ROLES.index(role)
+        self._seen, self._seen_at = math.nan, 0.0
 
     @classmethod
     def create(cls, path: Path, begins: float) -> "SharedClock":
@@ -85,14 +94,24 @@ class SharedClock:
         return cls(path)
 
     def now(self) -> float:
-        """See :class:`Clock`."""
-        time_now = self._values[0]
+        """See :class:`Clock`.
+
+        Raises:
+            StoppedClockError: it has stood still for ``STANDS_STILL``.
+        """
+        time_now = float(self._values[0])
         if self._slot is not None:
             self._values[self._slot] = time_now
-        return float(time_now)
+        if time_now != self._seen:
+            self._seen, self._seen_at = time_now, time.monotonic()
+        elif time.monotonic() - self._seen_at > STANDS_STILL:
+            raise StoppedClockError(
+                f"the simulation's clock has stood still for {STANDS_STILL:g} s: has it been killed?"
+            )
+        return time_now
 
     def sleep(self, seconds: float) -> None:
-        """See :class:`Clock`."""
+        """See :class:`Clock`; raises as :meth:`now`."""
         end = self.now() + seconds
         while self.now() < end:
             time.sleep(LOOK)

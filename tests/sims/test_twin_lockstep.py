@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robots.clocks import AFTER, LOOK, MACHINE, SharedClock
+from robots import clocks
+from robots.clocks import AFTER, LOOK, MACHINE, SharedClock, StoppedClockError
 from robots.errors import ConfigError
 from sims.twin.lockstep import GIVES_UP, Lockstep
 
@@ -154,6 +155,17 @@ def test_an_observer_is_not_waited_for(real: Reality) -> None:
         observer.now()
         real.lockstep.wait()
     assert all(real.lockstep._clock.seen(role) == 0.0 for role in ("deployment", "guardian"))
+
+
+def test_a_clock_that_nobody_moves_any_more_is_noticed(real: Reality, monkeypatch: pytest.MonkeyPatch) -> None:
+    observer = SharedClock(real.path)
+    observer.now()
+    monkeypatch.setattr(clocks, "STANDS_STILL", 0.05)
+    with pytest.raises(StoppedClockError, match="stood still"):
+        observer.sleep(1.0)
+    # and goes on where it is moved again
+    real.lockstep.wait()
+    assert observer.now() == real.lockstep.now()
 
 
 @pytest.mark.parametrize("content", [None, b"", b"short"])

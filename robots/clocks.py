@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from robots.errors import ConfigError, SafeWbcError
+from robots.errors import ConfigError
 
 ROLES = ("deployment", "guardian")
 """Who may go by a simulation's clock, and is waited for."""
@@ -16,17 +16,10 @@ ROLES = ("deployment", "guardian")
 LOOK = 1e-4
 """Pause between two looks at a simulation's clock [s]."""
 
-AFTER = 3600.0
-"""What passes on a simulation's clock when it ends: whoever waits for something has waited long enough [s]."""
-
 STANDS_STILL = 60.0
 """In real time, after which a simulation's clock that has not moved is one that nobody moves any more [s]."""
 
-SIZE = 8 * (1 + len(ROLES))
-
-
-class StoppedClockError(SafeWbcError):
-    """A simulation's clock is moved no more."""
+SIZE = 8 * (2 + len(ROLES))
 
 
 class Clock(Protocol):
@@ -67,7 +60,9 @@ class SharedClock:
     """A simulation's clock, in memory that several processes see.
 
     Whoever goes by it in a role has told with each look how far they have come, see
-    :class:`sims.twin.lockstep.Lockstep`.
+    :class:`sims.twin.lockstep.Lockstep`. Where the simulation has ended, or nobody has moved the clock for
+    ``STANDS_STILL``, time passes by it as it does on this machine: whoever waits for something waits no longer than
+    they would.
 
     Args:
         path: of its file.
@@ -85,33 +80,27 @@ class SharedClock:
             raise ConfigError("clock", path, "the file of a clock, as twin --clock makes it") from None
         self._values = np.frombuffer(self._memory, dtype=np.float64)
         self._slot = None if role is None else 1 + ROLES.index(role)
-        self._seen, self._seen_at = math.nan, 0.0
+        self._shown, self._shown_at, self._free_since = math.nan, 0.0, math.inf
 
     @classmethod
     def create(cls, path: Path, begins: float) -> "SharedClock":
         """Make one that nobody goes by yet; it shows ``begins`` [s]."""
-        path.write_bytes(np.array([begins] + [0.0] * len(ROLES)).tobytes())
+        path.write_bytes(np.array([begins] + [0.0] * len(ROLES) + [0.0]).tobytes())
         return cls(path)
 
     def now(self) -> float:
-        """See :class:`Clock`.
-
-        Raises:
-            StoppedClockError: it has stood still for ``STANDS_STILL``.
-        """
-        time_now = float(self._values[0])
+        """See :class:`Clock`."""
+        time_now, real = float(self._values[0]), time.monotonic()
         if self._slot is not None:
             self._values[self._slot] = time_now
-        if time_now != self._seen:
-            self._seen, self._seen_at = time_now, time.monotonic()
-        elif time.monotonic() - self._seen_at > STANDS_STILL:
-            raise StoppedClockError(
-                f"the simulation's clock has stood still for {STANDS_STILL:g} s: has it been killed?"
-            )
-        return time_now
+        if time_now != self._shown:
+            self._shown, self._shown_at, self._free_since = time_now, real, math.inf
+        elif self._free_since == math.inf and (self._values[-1] or real - self._shown_at > STANDS_STILL):
+            self._free_since = real
+        return time_now + max(0.0, real - self._free_since)
 
     def sleep(self, seconds: float) -> None:
-        """See :class:`Clock`; raises as :meth:`now`."""
+        """See :class:`Clock`."""
         end = self.now() + seconds
         while self.now() < end:
             time.sleep(LOOK)
@@ -125,6 +114,10 @@ class SharedClock:
     def show(self, now: float) -> None:
         """Let it show a time [s]; for the simulation alone."""
         self._values[0] = now
+
+    def end(self) -> None:
+        """The simulation has ended; for it alone."""
+        self._values[-1] = 1.0
 
     def seen(self, role: str) -> float:
         """The time that somebody has come to [s]: 0 before their first look, infinite where they have left."""

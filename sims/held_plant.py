@@ -14,6 +14,7 @@ from robots.errors import ConfigError
 from robots.kinematics import Kinematics
 from robots.messages import Array, RobotState
 from robots.mujoco_spec import PhysicalChanges, build_mujoco_spec
+from sims.plant import UNSTABLE_ACCELERATION
 
 BASE_AXES = (
     ("base_x", mujoco.mjtJoint.mjJNT_SLIDE, (1.0, 0.0, 0.0)),
@@ -198,8 +199,8 @@ class HeldPlant:
         data.qfrc_applied[:] = limited
         kept = np.array(data.qpos)
         mujoco.mj_step(data.model, data)
-        # MuJoCo goes back to its first state where it blows up
-        if data.warning[mujoco.mjtWarning.mjWARN_BADQACC].number or not np.isfinite(data.qpos).all():
+        # MuJoCo itself goes back to its first state where it blows up
+        if not np.abs(data.qacc).max() < UNSTABLE_ACCELERATION or not np.isfinite(data.qpos).all():
             self.unstable = True
             data.qpos[:], data.qvel[:] = kept, 0.0
         self.time += self.config.dt

@@ -3,6 +3,7 @@
 In real time, or in lockstep: then all go by the twin's clock, and what follows calls its times monotonic too.
 """
 
+import contextlib
 import json
 import os
 import re
@@ -12,10 +13,11 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
+from typing import Any
 
 import numpy as np
 
@@ -25,13 +27,17 @@ from controllers.deployment.stages import Stage
 from experiments.rehearsal.cores import Cores
 from experiments.rehearsal.performance import Performance
 from robots.clocks import MACHINE, Clock, SharedClock
-from robots.errors import SafeWbcError
+from robots.errors import ConfigError, SafeWbcError
+from sims.twin.orders import read_order
 
 START = 180.0
 """How long a process may take to be ready: kernels may have to be compiled [s]."""
 
 MUCH_SLOWER = 10.0
 """How many times longer than by the clock something may take in real time."""
+
+EARLY = 0.01
+"""By how much the twin's time of an order may be before that of whoever gave it [s]."""
 
 GUARDIAN = re.compile(r"guardian: process (\d+)")
 
@@ -72,10 +78,11 @@ class Child:
             self.lines.append(line.rstrip("\n"))
 
     def tell(self, line: str) -> None:
-        """Write a line to its standard input."""
+        """Write a line to its standard input; one that has ended is told nothing."""
         assert self.process.stdin is not None
-        self.process.stdin.write(line + "\n")
-        self.process.stdin.flush()
+        with contextlib.suppress(OSError):
+            self.process.stdin.write(line + "\n")
+            self.process.stdin.flush()
 
     def said(self, pattern: str, after: int = 0) -> bool:
         """Whether a line, from the one of number ``after`` on, matches."""
@@ -193,6 +200,9 @@ class Pair:
         core = ["--cpu", self._cores[1]] if self._cores else []
         options = ["--yes", *self._where, *core, "--out", str(self._out), "--log-seconds", "150"]
         self.deployment = Child(["deploy", "g1", *options, *self._task])
+        if self._clock_file is not None:
+            # until it goes by the clock, time passes as it does, however long it takes to start
+            self.deployment.wait_for(rf"\] {Stage.CONNECT.value}", START)
 
     def order(self, line: str) -> None:
         """Tell the twin, or do something to a process, and note when."""
@@ -281,6 +291,8 @@ class Pair:
             _kill(self.guardian, signal.SIGTERM)
         (self.folder / "twin.txt").write_text(self.twin.text + "\n", encoding="utf-8")
         (self.folder / "deployment.txt").write_text(child.text + "\n", encoding="utf-8")
+        if not self._record.exists():
+            raise SafeWbcError(f"the twin left no record:\n{self.twin.text}")
         with np.load(self._record) as file:
             truth = {name: file[name] for name in file.files}
         figures = {}
@@ -290,12 +302,37 @@ class Pair:
             figures["real_time_factor"] = float(found[1])
         if found := re.search(r"LowCmd: (\d+) received", self.twin.text):
             figures["commands_received"] = int(found[1])
-        return Performance(truth, self._said(), self.orders, figures, code, self._watched.end())
+        if found := re.search(r"(\d+) times somebody was not waited for", self.twin.text):
+            figures["given_up"] = int(found[1])
+        return Performance(truth, self._said(), when_obeyed(self.orders, truth), figures, code, self._watched.end())
 
     def _said(self) -> list[tuple[float, str]]:
         """What was said, from the log."""
         path = self._out / "log.bin"
         return [(r.time, r.data.decode()) for r in read_log(path) if r.kind is Kind.EVENT] if path.exists() else []
+
+
+def when_obeyed(orders: Sequence[tuple[float, str]], truth: Mapping[str, Any]) -> list[tuple[float, str]]:
+    """Orders with the times at which the twin carried them out, where it was the twin that did [s].
+
+    Whoever gives them may be kept from it between looking at the clock and telling.
+
+    Args:
+        orders: with the times at which they were given, of the clock of ``truth["monotonic"]``.
+        truth: record of the twin.
+    """
+    obeyed = np.interp(truth["event_times"], truth["time"], truth["monotonic"])
+    events = list(zip(obeyed, truth["events"], strict=True))
+    found = []
+    for given, line in orders:
+        at = given
+        # orders to a process are none of the twin's
+        with contextlib.suppress(ConfigError):
+            text = read_order(line).text
+            later = [t for t, event in events if event == text and t >= given - EARLY]
+            at = float(min(later, default=given))
+        found.append((at, line))
+    return found
 
 
 def _kill(process: int, number: int) -> None:

@@ -111,6 +111,8 @@ def check(options: RehearseOptions) -> None:
         raise ConfigError(
             "jobs", options.jobs, "1 without --in-process or --lockstep: processes in real time need the machine"
         )
+    if options.lockstep and options.domain + options.jobs > 231:
+        raise ConfigError("domain", options.domain, f"at most {231 - options.jobs}, to have one for each of the jobs")
     if not options.in_process and find_spec("cyclonedds") is None:
         raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
 
@@ -172,13 +174,13 @@ def pieces(options: RehearseOptions, folder: Path) -> list[Piece]:
                     found.append(Piece(key, fault(during, case, folder / _file_name(key))))
         if what == "before":
             for case in _chosen(BEFORE_CASES, options.fault):
-                key = f"before, {case.name}"
+                key = f"{how}, before, {case.name}"
                 found.append(Piece(key, partial(play_before, next(places), case, folder / _file_name(key))))
         if what == "kills":
-            found += _kills(options.seeds, places, folder)
+            found += _kills(options.seeds, places, folder, how)
         if what == "short":
             case = next(case for case in FAULT_CASES if case.name == "remote: L2 + B")
-            found.append(Piece("short", fault("stand", case, folder / "short")))
+            found.append(Piece(f"{how}, short", fault("stand", case, folder / "short")))
     return found
 
 
@@ -200,7 +202,7 @@ def _places(options: RehearseOptions) -> Iterator[Place]:
         yield Place(options.domain + number % domains, options.lockstep)
 
 
-def _kills(seeds: int, places: Iterator[Place], folder: Path) -> list[Piece]:
+def _kills(seeds: int, places: Iterator[Place], folder: Path, how: str) -> list[Piece]:
     """At an instant drawn from each seed the controller is killed, and at another one stopped."""
     found = []
     for seed in range(seeds):
@@ -208,7 +210,7 @@ def _kills(seeds: int, places: Iterator[Place], folder: Path) -> list[Piece]:
         for case in PROCESS_CASES[:2]:
             during = "walk" if rng.random() < 0.7 else "stand"
             after = float(rng.uniform(0.5, 9.0 if during == "walk" else 5.0))
-            key = f"kills, {case.name}, seed {seed}"
+            key = f"{how}, kills, {case.name}, seed {seed}"
             play = partial(play_fault, next(places), during, case, folder / _file_name(key), after=after)
             found.append(Piece(key, play))
     return found

@@ -74,6 +74,11 @@ PSSA_COLUMNS = (
     Metric("filter_ms", "filter, median", "ms"),
 )
 COLUMNS = {"spark": SPARK_COLUMNS, "p-ssa": PSSA_COLUMNS}
+TORQUE_COLUMNS = (
+    Metric("saturated", "physics steps with a motor at its limit", "%", 1e2),
+    Metric("unstable", "episodes in which the simulation blew up", "%", 1e2, bad="positive"),
+)
+"""Further ones where torques move the robot."""
 
 
 def benchmark(options: BenchmarkOptions) -> int:
@@ -88,7 +93,7 @@ def benchmark(options: BenchmarkOptions) -> int:
         Section(
             title_of(rig, options, plant),
             benchmark_cases(options, rig, plant),
-            COLUMNS[options.suite],
+            COLUMNS[options.suite] + (TORQUE_COLUMNS if PLANTS[plant] is not None else ()),
             told,
             partial(summed, papers().get(rig.case.name, {})),
         )
@@ -203,6 +208,7 @@ AVERAGED = ("J_arm", "J_base", "M_self", "M_env", "J", "C", "S", "R_feas")
 
 PLAIN = (
     *("success_paper", "success", "steps_in_margin", "steps_in_collision", "passed_unsafe", "goals_reached"),
+    *("saturated", "unstable"),
     "filter_ms_median",
 )
 """Shown as their mean."""

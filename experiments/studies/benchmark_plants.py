@@ -53,20 +53,23 @@ def show_plants(rows: Sequence[Entries], folder: Path) -> None:
 def by_plant(rows: Sequence[Entries]) -> list[dict[str, Any]]:
     """A line for each filter: figures of every plant, over the scenes that a filter can keep free of contact.
 
-    Those are scenes that stand still and touch nothing at the start.
+    Those are scenes that stand still and touch nothing at the start, and were played on all plants. Where a simulation
+    blew up, that counts as touching.
     """
     found = []
     plants = list(dict.fromkeys(row["plant"] for row in rows))
     for name in dict.fromkeys(row["filter"] for row in rows):
         line: dict[str, Any] = {"filter": name}
-        for plant in plants:
-            members = [
-                row for row in rows if row["filter"] == name and row["plant"] == plant and row["still"] and row["free"]
-            ]
-            if not members:
-                continue
+        members_of: dict[str, dict[Any, Entries]] = {plant: {} for plant in plants}
+        for row in rows:
+            if row["filter"] == name and row["still"] and row["free"]:
+                members_of[row["plant"]][row["case"], row["seed"]] = row
+        shared = [scene for scene in members_of[plants[0]] if all(scene in members_of[plant] for plant in plants)]
+        for plant in plants if shared else ():
+            members = [members_of[plant][scene] for scene in shared]
             line["episodes"] = len(members)
-            line[f"hit {plant}"] = sum(row["steps_in_collision"] > 0.0 for row in members) / len(members)
+            hits = [row["steps_in_collision"] > 0.0 or row["unstable"] for row in members]
+            line[f"hit {plant}"] = sum(hits) / len(members)
             heights = [h for row in members for h in (row["min_h_obstacle_m"], row["min_h_self_collision_m"])]
             line[f"least {plant}"] = min(h for h in heights if h is not None)
             line[f"success {plant}"] = sum(row["success"] for row in members) / len(members)

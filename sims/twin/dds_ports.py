@@ -42,15 +42,19 @@ class DdsPorts:
         return taken
 
     def debt(self) -> tuple[int, bool]:
-        """How many commands have come, and whether a state has gone out since the last of them."""
+        """How many commands have come, and whether a state has gone out since the last of them.
+
+        Nothing is counted while somebody else's are sent from here: whose a command is cannot be seen.
+        """
         self._look()
         return self._come, self._owes
 
     def _look(self) -> None:
         come = list(self._commands.take())
         self._waiting += come
-        self._come += len(come)
-        self._owes = self._owes and not come
+        if self._foreign is None:
+            self._come += len(come)
+            self._owes = self._owes and not come
 
     def send_state(self, data: bytes) -> None:
         """See :class:`sims.twin.ports.Ports`."""

@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Callable
 
-from robots.clocks import AFTER, ROLES, SharedClock
+from robots.clocks import ROLES, SharedClock
 from sims.twin.pace import Pace
 
 GIVES_UP = 0.5
@@ -12,6 +12,9 @@ GIVES_UP = 0.5
 
 NAP = 1e-4
 """Pause between two looks for those who are late, in real time [s]."""
+
+COUNTED_AT_MOST = 0.003
+"""What one such pause counts for, however long it was [s]."""
 
 DEPLOYMENT = ROLES[0]
 
@@ -54,12 +57,15 @@ class Lockstep:
 
     def wait(self) -> float:
         """Wait for everybody; returns the time of the clock [s]."""
-        began = self._real()
+        waited, before = 0.0, self._real()
         while late := self._late():
-            if self._real() - began > GIVES_UP:
+            if waited > GIVES_UP:
                 self._give_up(late)
                 break
             self._sleep(NAP)
+            now = self._real()
+            # where the whole machine stood still, nobody else could do anything either
+            waited, before = waited + min(now - before, COUNTED_AT_MOST), now
         if not any(map(self._is_there, ROLES)):
             self._pace.wait()
         self.periods += 1
@@ -97,9 +103,9 @@ class Lockstep:
         return self._now
 
     def stop(self) -> None:
-        """Let no more time be played; on the clock so much passes that nobody goes on waiting."""
+        """Let no more time be played; by the clock it goes on to pass, as it does."""
         self._stopped = self._real()
-        self._clock.show(self._now + AFTER)
+        self._clock.end()
 
     @property
     def passed(self) -> float:

@@ -43,6 +43,8 @@ def row(**changes: Any) -> dict[str, Any]:
         "steps_in_collision": 0.0,
         "passed_unsafe": 0,
         "goals_reached": 1,
+        "saturated": 0.0,
+        "unstable": False,
         "filter_ms_median": 0.1,
         "starts_in_margin": False,
         "min_h_obstacle_m": 0.02,
@@ -128,17 +130,21 @@ def test_what_is_not_allowed_is_named(changes: dict[str, Any], message: str) -> 
 
 def test_plants_are_compared_over_scenes_that_can_be_kept_free() -> None:
     rows = [
-        {**row(plant=plant, still=still, free=free), "steps_in_collision": hit, "min_h_obstacle_m": -hit}
-        for plant, still, free, hit in (
-            ("integrator", True, True, 0.0),
-            ("torque", True, True, 0.01),
-            ("torque", False, True, 0.5),
-            ("torque", True, False, 0.6),
+        {**row(plant=plant, still=still, free=free, case=case), "steps_in_collision": hit, "min_h_obstacle_m": -hit}
+        for plant, case, still, free, hit in (
+            ("integrator", "a", True, True, 0.0),
+            ("torque", "a", True, True, 0.01),
+            # obstacles that move, what begins in contact, and what was not played on both do not count
+            *((plant, "b", False, True, 0.5) for plant in ("integrator", "torque")),
+            *((plant, "c", True, False, 0.6) for plant in ("integrator", "torque")),
+            ("torque", "d", True, True, 0.7),
         )
     ]
     (line,) = by_plant(rows)
     assert line["episodes"] == 1 and line["hit integrator"] == 0.0 and line["hit torque"] == 1.0
     assert line["least torque"] == -0.01 and line["success integrator"] == 1.0
+    blown_up = [{**r, "steps_in_collision": 0.0, "unstable": True} for r in rows]
+    assert by_plant(blown_up)[0]["hit torque"] == 1.0
     assert plants_plot([Bars("ssa", {"torque": 1.0}, {"torque": -0.01})], ["torque"]).startswith(b"\x89PNG")
 
 

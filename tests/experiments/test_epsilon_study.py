@@ -129,6 +129,7 @@ def test_the_plot_takes_what_is_there() -> None:
         (EpsilonOptions(epsilons=(-1.0,)), "epsilons"),
         (EpsilonOptions(friction=(11.0,)), "friction"),
         (EpsilonOptions(mass_scale=0.0), "mass_scale"),
+        (EpsilonOptions(rates=(500.0, 0.0)), "rates"),
         (EpsilonOptions(duration=0.0), "duration"),
     ],
 )

@@ -16,6 +16,7 @@ from experiments.rehearsal.fault_cases import BEFORE_CASES, FAULT_CASES, PROCESS
 from experiments.rehearsal.in_process import Rehearsal
 from experiments.rehearsal.judge import fault_figures, task_figures
 from experiments.rehearsal.performance import Performance, braked_after, upright
+from experiments.rehearsal.processes import when_obeyed
 from experiments.rehearsal.rehearse import DURING, check, pieces
 from experiments.rehearsal.tasks import TASKS, task_called, variants
 from experiments.running.deployment_tasks import build
@@ -293,3 +294,17 @@ def test_the_robot_is_handed_over_to_whom_a_person_armed_and_let_go_where_the_ho
     assert any("left_knee_joint jumps by 0.5" in text for _, text in rehearsal.said)
     assert is_at(deployment, Stage.DAMPED)
     assert_fades_without_a_jump(sent)
+
+
+def test_an_order_counts_from_when_the_twin_carried_it_out() -> None:
+    truth = {
+        "time": np.array([0.0, 1.0, 2.0]),
+        "monotonic": np.array([100.0, 101.0, 102.0]),
+        "event_times": np.array([0.2, 0.5, 1.504]),
+        "events": np.array(["remote L2 B", "ready", "remote L2 B"]),
+    }
+    orders = [(101.49, "remote L2 B"), (101.6, "kill"), (101.7, "remote select")]
+    found = when_obeyed(orders, truth)
+    assert found[0][0] == pytest.approx(101.504) and found[0][1] == "remote L2 B"
+    # what is done to a process, or was never carried out, has the time at which it was given
+    assert found[1:] == orders[1:]

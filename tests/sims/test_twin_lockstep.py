@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robots import clocks
-from robots.clocks import AFTER, LOOK, MACHINE, SharedClock, StoppedClockError
+from robots.clocks import LOOK, MACHINE, SharedClock
 from robots.errors import ConfigError
 from sims.twin.lockstep import GIVES_UP, Lockstep
 
@@ -136,17 +136,33 @@ def test_who_leaves_is_not_waited_for(real: Reality) -> None:
     assert math.isinf(real.lockstep._clock.seen("deployment"))
 
 
-def test_at_its_end_so_much_passes_that_nobody_goes_on_waiting(real: Reality) -> None:
+def test_at_its_end_time_goes_on_as_it_does(real: Reality) -> None:
     observer = SharedClock(real.path)
     for _ in range(5):
         real.lockstep.wait()
-    waits_until = observer.now() + 600.0
+    ended_at = observer.now()
     real.lockstep.stop()
-    assert observer.now() == real.lockstep.now() + AFTER > waits_until
+    observer.sleep(0.01)
+    assert observer.now() >= ended_at + 0.01 and real.lockstep.now() == ended_at
     passed = real.lockstep.passed
     real.now += 10.0
     assert real.lockstep.passed == passed > 0.0
     assert f"factor {0.002 / passed:.4f}" in real.lockstep.told(0.002)[0]
+
+
+def test_a_machine_that_stands_still_gives_nobody_up(real: Reality) -> None:
+    controller = real.join("deployment")
+    controller.now()
+    real.lockstep.wait()
+
+    def stands_still() -> None:
+        real.now += 2.0
+        if real.naps == 20:
+            controller.now()
+
+    real.at_naps = [stands_still]
+    real.lockstep.wait()
+    assert real.lockstep.given_up == 0 and real.naps == 20
 
 
 def test_an_observer_is_not_waited_for(real: Reality) -> None:
@@ -157,13 +173,13 @@ def test_an_observer_is_not_waited_for(real: Reality) -> None:
     assert all(real.lockstep._clock.seen(role) == 0.0 for role in ("deployment", "guardian"))
 
 
-def test_a_clock_that_nobody_moves_any_more_is_noticed(real: Reality, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_clock_that_nobody_moves_any_more_runs_on(real: Reality, monkeypatch: pytest.MonkeyPatch) -> None:
     observer = SharedClock(real.path)
-    observer.now()
-    monkeypatch.setattr(clocks, "STANDS_STILL", 0.05)
-    with pytest.raises(StoppedClockError, match="stood still"):
-        observer.sleep(1.0)
-    # and goes on where it is moved again
+    began = observer.now()
+    monkeypatch.setattr(clocks, "STANDS_STILL", 0.02)
+    observer.sleep(0.05)
+    assert observer.now() > began + 0.05
+    # and shows what it is told where it is moved again
     real.lockstep.wait()
     assert observer.now() == real.lockstep.now()
 

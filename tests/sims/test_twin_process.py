@@ -152,7 +152,7 @@ def test_what_is_not_allowed_is_refused_before_anything_starts(
     options: dict[str, object], told: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # the process of the tests keeps its own
-    monkeypatch.setattr(command, "schedule", lambda cpu: "as it was")
+    monkeypatch.setattr(command, "schedule", lambda cpu, first: "as it was")
     with pytest.raises(ConfigError) as caught:
         command.twin(TwinOptions("g1", **{"domain": DOMAIN + 2} | options))
     for part in told:

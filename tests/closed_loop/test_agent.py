@@ -457,17 +457,23 @@ def test_circles_are_made_for_the_robot(robot: RobotDescription) -> None:
 
 
 def test_without_a_recorder_nothing_is_kept(robot: RobotDescription) -> None:
-    """After two seconds another one leaves less than a kilobyte behind."""
+    """After two seconds a further one leaves less than a kilobyte behind.
+
+    What is kept of ticks grows in every second; what something else keeps once, in one of three.
+    """
     plant, agent = hand_agent(robot, obstacle_slots=("sphere",))
     place = left_hand(plant) + np.array([0.5, 0.0, 0.0])
     loop = ClosedLoop(plant, agent, Seen(lambda t: {"ball": sphere_at(place)}), steps=2)
     loop.run(2.0)
     tracemalloc.start()
     loop.run(0.1)
-    before = tracemalloc.get_traced_memory()[0]
-    loop.run(1.0)
-    assert tracemalloc.get_traced_memory()[0] - before < 1024
+    kept = []
+    for _ in range(3):
+        before = tracemalloc.get_traced_memory()[0]
+        loop.run(1.0)
+        kept.append(tracemalloc.get_traced_memory()[0] - before)
     tracemalloc.stop()
+    assert min(kept) < 1024, kept
 
 
 def test_a_gait_may_be_any(robot: RobotDescription) -> None:

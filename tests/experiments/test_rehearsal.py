@@ -181,6 +181,7 @@ def test_twins_take_masses_and_drifts_in_turn() -> None:
         (RehearseOptions("g1", ("stand",), jobs=2), "jobs"),
         (RehearseOptions("g1", ("stand",), in_process=True, lockstep=True), "lockstep"),
         (RehearseOptions("g1", ("stand",), domain=0), "domain"),
+        (RehearseOptions("g1", ("stand",), lockstep=True, jobs=4, domain=229), "domain"),
         (RehearseOptions("g1", ("kills",), in_process=True), "in_process"),
     ],
 )
@@ -308,3 +309,12 @@ def test_an_order_counts_from_when_the_twin_carried_it_out() -> None:
     assert found[0][0] == pytest.approx(101.504) and found[0][1] == "remote L2 B"
     # what is done to a process, or was never carried out, has the time at which it was given
     assert found[1:] == orders[1:]
+
+
+def test_a_rehearsal_is_never_taken_for_one_that_was_played_in_another_way(tmp_path: Path) -> None:
+    what = ("tasks", "faults", "before", "kills", "short")
+    keys = [
+        {piece.key for piece in pieces(RehearseOptions("g1", what, seeds=2, lockstep=lockstep), tmp_path)}
+        for lockstep in (False, True)
+    ]
+    assert len(keys[0]) == len(keys[1]) > 80 and not keys[0] & keys[1]

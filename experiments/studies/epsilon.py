@@ -197,21 +197,9 @@ def cases_of(setup: Setup, grid: Grid, options: EpsilonOptions) -> Iterator[Case
 
 
 def measure(result: Recording) -> dict[str, Any]:
-    """What a run is judged by."""
-    summary = result.summary
-    keys = (
-        "collision_ratio",
-        "min_h_self_collision_m",
-        "hand_rmse_outside_conflict_m",
-        "disturbance_max",
-        "bound_held",
-    )
-    return {
-        **{key: summary[key] for key in keys},
-        "jitter": jitter(result),
-        "fell": summary["fell"],
-        "stop_cause": summary["stop_cause"],
-    }
+    """What a run is judged by: ``FIGURES``, and how it ended."""
+    known = {**result.summary, "jitter": jitter(result)}
+    return {key: known[key] for key in (*(figure.key for figure in FIGURES), "fell", "stop_cause")}
 
 
 def jitter(result: Recording) -> float | None:

@@ -162,3 +162,20 @@ def test_an_episode_by_torques_is_as_it_is_on_an_integrator_but_for_what_motors_
 def test_plants_are_known_and_there_once(plants: tuple[str, ...]) -> None:
     with pytest.raises(ConfigError, match="plants"):
         check_benchmark(replace(OPTIONS, plants=plants))
+
+
+def test_of_several_plants_a_last_table_and_a_plot_are_made(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    options = replace(
+        OPTIONS,
+        cases=("G1FixedBase_D1_AG_SO_v0",),
+        filters=("none", "ssa"),
+        plants=("integrator", "torque"),
+        seeds=1,
+        steps=3,
+        work=WorkOptions(1, out=tmp_path / "study"),
+    )
+    assert benchmark(options) == 0
+    out = capsys.readouterr().out
+    assert "From the integrator to torques" in out and "G1FixedBase_D1_AG_SO_v0, torque: " in out
+    assert "physics steps with a motor at its limit" in " ".join(out.split())
+    assert (tmp_path / "study" / "plants.png").read_bytes().startswith(b"\x89PNG")

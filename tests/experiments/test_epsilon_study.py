@@ -1,5 +1,8 @@
 """The study over alpha and epsilon: which runs it makes, what they are judged by, and how they are shown."""
 
+import json
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -14,12 +17,14 @@ from experiments.studies.epsilon import (
     GRIDS,
     NEAR,
     PAPER_ALPHAS,
+    PLOT,
     Setup,
     Variant,
     blocks,
     cases_of,
     check_epsilon,
     columns_of,
+    epsilon_study,
     jitter,
     panel_of,
     scenario_of,
@@ -28,6 +33,7 @@ from experiments.studies.epsilon import (
     variants,
 )
 from experiments.studies.study_options import EpsilonOptions
+from experiments.studies.work import WorkOptions
 from robots.errors import ConfigError
 from robots.loader import load_robot
 
@@ -136,3 +142,22 @@ def test_the_plot_takes_what_is_there() -> None:
 def test_what_is_not_allowed_is_refused_by_its_name(options: EpsilonOptions, name: str) -> None:
     with pytest.raises(ConfigError, match=name):
         check_epsilon(options)
+
+
+def test_a_run_is_judged_by_what_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """From the command line's options to the table and the plot, by runs of a moment."""
+    options = EpsilonOptions(
+        robots=("tocabi",), alphas=(30.0,), epsilons=(10.0,), friction=(1.0,), duration=0.1, work=WorkOptions(1)
+    )
+    options = replace(options, work=replace(options.work, out=tmp_path / "study"))
+    assert epsilon_study(options) == 0
+    out = capsys.readouterr().out
+    for figure in FIGURES:
+        assert f"{figure.words} [{figure.unit}]" in out
+    assert (tmp_path / "study" / PLOT).read_bytes().startswith(b"\x89PNG")
+    rows = [json.loads(path.read_text()) for path in (tmp_path / "study" / "rows").glob("*.json")]
+    assert len(rows) == 4
+    assert all({figure.key for figure in FIGURES} < row["metrics"].keys() for row in rows)
+    # the reference does not come near the torso so soon, the room above the bound is there from the first tick
+    (issf,) = (row["metrics"] for row in rows if row["labels"]["filter"] == "issf")
+    assert issf["jitter"] is None and issf["margin_self_collision_m"] >= 0.0

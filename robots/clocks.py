@@ -77,15 +77,22 @@ class SharedClock:
             with path.open("r+b") as file:
                 self._memory = mmap.mmap(file.fileno(), SIZE)
         except (OSError, ValueError):
-            raise ConfigError("clock", path, "the file of a clock, as twin --clock makes it") from None
+            raise ConfigError("clock", str(path), "the file of a clock, as twin --clock makes it") from None
         self._values = np.frombuffer(self._memory, dtype=np.float64)
         self._slot = None if role is None else 1 + ROLES.index(role)
         self._shown, self._shown_at, self._free_since = math.nan, 0.0, math.inf
 
     @classmethod
     def create(cls, path: Path, begins: float) -> "SharedClock":
-        """Make one that nobody goes by yet; it shows ``begins`` [s]."""
-        path.write_bytes(np.array([begins] + [0.0] * len(ROLES) + [0.0]).tobytes())
+        """Make one that nobody goes by yet; it shows ``begins`` [s].
+
+        Raises:
+            ConfigError: the file cannot be written.
+        """
+        try:
+            path.write_bytes(np.array([begins] + [0.0] * len(ROLES) + [0.0]).tobytes())
+        except OSError as error:
+            raise ConfigError("clock", str(path), f"a file that can be written ({error.strerror})") from None
         return cls(path)
 
     def now(self) -> float:

@@ -70,7 +70,7 @@ def check_options(common: DeployCommon) -> None:
     if common.yes and common.interface != LOOPBACK:
         raise ConfigError("yes", common.yes, f"left out but on {LOOPBACK}: a person decides, where a robot can be")
     if common.clock is not None and common.interface != LOOPBACK:
-        raise ConfigError("clock", common.clock, f"left out but on {LOOPBACK}: a robot waits for nobody")
+        raise ConfigError("clock", str(common.clock), f"left out but on {LOOPBACK}: a robot waits for nobody")
     if not 10.0 <= common.log_seconds <= 3600.0:
         raise ConfigError("log_seconds", common.log_seconds, "from 10 to 3600")
     if find_spec("cyclonedds") is None:

@@ -46,6 +46,7 @@ def twin(options: TwinOptions) -> int:
     config = checked(options)
     script = load_script(options.script) if options.script is not None else ()
     record = Record(options.record) if options.record is not None else None
+    clock = SharedClock.create(options.clock, time.monotonic()) if options.clock is not None else None
     if find_spec("cyclonedds") is None:
         raise SafeWbcError("cyclonedds is not installed: pip install 'safewbc[g1]'")
     robot = load_robot(options.robot)
@@ -57,10 +58,7 @@ def twin(options: TwinOptions) -> int:
 
     dds = DdsPorts(options.domain, options.interface)
     played = Twin(robot, config, dds, SwitcherService(dds.network), script, record, tell)
-    if options.clock is None:
-        pace: Pace | Lockstep = Pace(STEP)
-    else:
-        pace = Lockstep(STEP, SharedClock.create(options.clock, time.monotonic()), dds.debt)
+    pace: Pace | Lockstep = Pace(STEP) if clock is None else Lockstep(STEP, clock, dds.debt)
     run(played, pace, options.duration if options.duration is not None else math.inf)
     for line in [f"scheduling: {scheduled}", *report(played, pace)]:
         tell(line)

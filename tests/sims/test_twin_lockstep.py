@@ -197,3 +197,8 @@ def test_the_machines_clock_is_monotonic_and_sleeps() -> None:
     MACHINE.sleep(LOOK)
     assert MACHINE.now() >= before + LOOK
     MACHINE.leave()
+
+
+def test_a_clock_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"clock = .*can be written \(No such file"):
+        SharedClock.create(tmp_path / "nowhere" / "clock", 1.0)
